@@ -145,6 +145,11 @@ pub(super) struct Performed {
 }
 
 impl Performed {
+    /// Whether a model of the robot was used: by the policy, or by the simulation that chose it.
+    pub(super) fn uses_model(&self) -> bool {
+        self.rollout.uses_model() || !self.tried.is_empty()
+    }
+
     /// The recording.
     pub(super) fn take(&self) -> Outcome<Take> {
         let provenance = Provenance::new(&self.robot, &self.policy, &self.config)?;

@@ -11,6 +11,7 @@ use super::perform::{PerformArgs, Performed, perform};
 use super::{input, motion, out};
 use crate::clip::lint;
 use crate::exit::HasExit as _;
+use crate::robot::PlantConfig;
 use crate::rollout::{ClipFacts as _, Precision, Rollout, Settler, Trial};
 use crate::units::{CTRL_DT, short_unit, significant};
 
@@ -83,7 +84,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         return out::json(&report);
     }
     let unit = motion::unit(&done.robot);
-    let mut text = summary(&done.rollout, &precision, &done.policy.label(), unit, done.wall_secs);
+    let mut text = summary(&done, &precision, unit);
     text.push_str(&tried(&done, unit));
     input::say(taken, &text)
 }
@@ -98,7 +99,7 @@ fn report(args: &Args, done: &Performed, p: &Precision) -> Value {
         "policy": done.policy.label(),
         "chosen": (!done.tried.is_empty()).then(|| done.policy.label()),
         "tried": (!done.tried.is_empty()).then_some(&done.tried),
-        "uses_model": rollout.uses_model(),
+        "uses_model": done.uses_model(),
         "seed": done.config.seed,
         "plant": done.config.plant,
         "precision": p.precision,
@@ -137,7 +138,8 @@ fn unreachable(done: &Performed) -> Outcome<Value> {
     Ok(said.collect())
 }
 
-fn summary(rollout: &Rollout, p: &Precision, policy: &str, unit: &str, wall_secs: f64) -> String {
+fn summary(done: &Performed, p: &Precision, unit: &str) -> String {
+    let (rollout, wall_secs) = (&done.rollout, done.wall_secs);
     // All rows have one unit, so that they can be compared at a glance.
     let (factor, unit) = short_unit(unit, p.precision.unwrap_or(0.0));
     let figure = |v: f64| format!("{} {unit}", significant(v * factor));
@@ -173,9 +175,9 @@ fn summary(rollout: &Rollout, p: &Precision, policy: &str, unit: &str, wall_secs
     let wide = rows.iter().map(|r| r.1.chars().count()).max().unwrap_or(0);
     let mut text = format!(
         "{} on {}, {ms:.2} ms per frame{}",
-        policy,
+        done.policy.label(),
         rollout.robot().id(),
-        if rollout.uses_model() { "; uses a model of the robot" } else { "" }
+        if done.uses_model() { "; uses a model of the robot" } else { "" }
     );
     for (name, value, what) in rows {
         text.push_str(format!("\n  {name:<13} {value:<wide$}  {what}").trim_end());
@@ -197,12 +199,18 @@ fn tried(done: &Performed, unit: &str) -> String {
         None => format!("{} failed", t.policy),
     });
     let each = each.collect::<Vec<_>>().join(", ");
-    let close = if error(list[0]) < done.rollout.precision().precision.unwrap_or(0.0) {
-        "; the one with the least error overshoots in the gaps"
+    let chosen = list.iter().find(|t| t.policy == done.policy.label());
+    let close = if chosen.is_some_and(|t| error(list[0]) < error(t)) {
+        "; the one with the least error moves unnaturally in the gaps"
     } else {
         ""
     };
-    format!("\n  chosen by simulating {}: {each}{close}", list.len())
+    let plant = if done.config.plant == PlantConfig::default() {
+        ""
+    } else {
+        ", without the changes of --plant"
+    };
+    format!("\n  chosen by simulating {}{plant}: {each}{close}", list.len())
 }
 
 /// Reached states; `mask` is 1 where nothing was commanded.

@@ -3,7 +3,8 @@
 //! Every contender performs the clip: the learned policies and proportional control, with and
 //! without smooth motion planned through the gaps. No policy is best everywhere (contact,
 //! unreachable poses), and a rollout takes a fraction of a second. The best one then repeats the
-//! clip and corrects its goals by what it missed ([`super::ilc`]); the best motion is used.
+//! clip and corrects its goals by what it missed ([`super::ilc`]). If joints still stay away, it
+//! follows the path of a planner and searches for detours. The best motion is used.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -12,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::error::Error;
 use super::gaps::unnatural;
-use super::ilc::{self, Learner};
+use super::ilc::{self, Learner, Stage};
 use super::policy::Policy;
 use super::registry::{Guide, Inference, PolicyConfig, PolicyName};
 use super::run::{Rollout, RolloutConfig, Start};
@@ -161,6 +162,10 @@ impl Contenders {
         let goals = Goals::new(command);
         let differ = differing(&self.policies().collect::<Vec<_>>(), &goals);
         let learns = self.learns && goals.frames() <= ilc::LONGEST;
+        if self.learns && !learns {
+            let most = ilc::LONGEST;
+            progress.log(&format!("a clip of more than {most} frames is not repeated: its goals are not corrected"));
+        }
         let frames = differ.len() * command.frames().saturating_sub(1) as usize;
         let tick = |label: &str| {
             let n = (done.fetch_add(1, Ordering::Relaxed) + 1).min(frames);
@@ -261,7 +266,7 @@ impl Contenders {
     }
 }
 
-/// Lets the chosen policy repeat the clip; the best motion, if it is better.
+/// Lets the chosen policy repeat the clip until a stop; the best motion, if it is better.
 fn repeat(
     chosen: &Chosen,
     again: impl Fn() -> Result<Rollout, Error>,
@@ -269,33 +274,26 @@ fn repeat(
     progress: &dyn Progress,
     cancel: &Cancel,
 ) -> Result<Option<Rollout>, Error> {
-    let own = chosen.tried.iter().find(|t| t.policy == chosen.policy.label());
-    let Some(least) = own.and_then(Trial::score) else { return Ok(None) };
-    let searches = searches(&chosen.policy);
-    let mut learner = Learner::new(&chosen.rollout, least, again()?, searches, threads)?;
+    let learner = Learner::new(&chosen.policy, &chosen.rollout, again()?, threads)?;
+    let Some(mut learner) = learner else { return Ok(None) };
     let label = PolicyConfig { ilc: true, ..chosen.policy.clone() }.label();
-    let (mut stage, mut began) = (None, 0);
+    let (mut stage, mut began): (Option<Stage>, usize) = (None, 0);
     loop {
         // Each stage has its own pace, and so its own estimate of the time that is left.
         if stage != Some(learner.stage()) {
             (stage, began) = (Some(learner.stage()), learner.frames());
             progress.phase(learner.stage().title(), "frames");
         }
-        let frames = learner.frames() - began;
-        progress.tick(frames as u64, (frames + learner.frames_left()) as u64, &label);
-        if !learner.step(&again) {
+        let frames = (learner.frames() - began) as u64;
+        progress.tick(frames, frames + learner.frames_left() as u64, &label);
+        // What was found until a stop counts.
+        if cancel.is_cancelled() || !learner.step(&again) {
             break;
         }
-        if cancel.is_cancelled() {
-            return Err(Error::Cancelled { frame: 0 });
-        }
     }
+    let frames = (learner.frames() - began) as u64;
+    progress.tick(frames, frames, &label);
     Ok(learner.into_best())
-}
-
-/// Whether a policy is fast enough for a search of thousands of frames.
-pub(super) fn searches(policy: &PolicyConfig) -> bool {
-    !policy.refine && !matches!(policy.name, PolicyName::Ilqr | PolicyName::PredictiveSampling)
 }
 
 /// The contender with the smallest sum of error and gap penalty; the first among equals.

@@ -159,9 +159,8 @@ pub(super) fn budget(goals: &Goals, plan: &Goals, states: &[f64]) -> usize {
     if places(goals, plan, states).is_empty() {
         return 0;
     }
-    // A robot with few joints simulates faster than a hand, so it has more tries in the same time.
-    let faster = (24 / goals.dim().max(1)).clamp(1, 4);
-    faster * (BUDGET * goals.frames()).min(MOST)
+    // The fewer joints a robot has, the faster it simulates and the more it can try in the same time.
+    (BUDGET * goals.frames()).min(MOST) * 24 / goals.dim().clamp(6, 240)
 }
 
 /// Joints and frames in runs of a second or more far from their goals, and those with the worst

@@ -9,8 +9,9 @@
 
 use super::detour::{self, Detours, Try};
 use super::error::Error;
-use super::gaps::unnatural;
+use super::gaps::{score, unnatural};
 use super::planned::{self, Planned};
+use super::registry::PolicyConfig;
 use super::run::Rollout;
 use super::window::Goals;
 
@@ -87,9 +88,11 @@ struct Attempt {
     going: bool,
 }
 
-/// What a [`Learner`] does, one after another.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Stage {
+/// How the motion of a policy is improved, one stage after another.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[derive(schemars::JsonSchema)]
+pub enum Stage {
     /// Passes with goals that are moved by what was missed.
     Correct,
     /// A planner performs the clip. Its frames take several times as long as those of a policy.
@@ -125,6 +128,8 @@ pub(super) struct Learner {
     gaps: f64,
     /// States of the motion from which it learns, 30 of history first; (30 + frames, S).
     states: Vec<f64>,
+    /// Whether the policy is fast enough for a search.
+    searches: bool,
     /// The frames that the search may still simulate, the planner before it, the search, its tries, and
     /// rollouts for more.
     budget: usize,
@@ -141,31 +146,34 @@ pub(super) struct Learner {
 }
 
 impl Learner {
-    /// Learns from `first`, which has reached its end with the error `least`. `trial` is the same
-    /// rollout at its beginning. With `searches`, a search for detours follows the passes, on
-    /// `threads` threads.
+    /// Learns from `first`, which `policy` has performed to its end. `trial` is the same rollout at
+    /// its beginning. A search runs on `threads` threads. `None` if the clip is too long, or commands
+    /// nothing.
+    ///
+    /// # Errors
+    /// As [`Rollout::correct`].
     pub(super) fn new(
+        policy: &PolicyConfig,
         first: &Rollout,
-        least: f64,
         mut trial: Rollout,
-        searches: bool,
         threads: usize,
-    ) -> Result<Learner, Error> {
+    ) -> Result<Option<Learner>, Error> {
+        let Some(least) = score(first).filter(|_| first.frames() <= LONGEST) else {
+            return Ok(None);
+        };
         let mut correction = Correction::new(first.plan());
         correction.learn(first.plan(), first.reached());
         trial.correct(&correction.shift)?;
-        let (states, gaps) = (first.states().to_vec(), unnatural(first));
-        let budget =
-            if searches { detour::budget(first.goals(), first.plan(), &states) } else { 0 };
-        Ok(Learner {
+        Ok(Some(Learner {
             correction,
             passes: 0,
             trial,
             best: None,
             least,
-            gaps,
-            states,
-            budget,
+            gaps: unnatural(first),
+            states: first.states().to_vec(),
+            searches: policy.is_fast(),
+            budget: 0,
             planned: None,
             detours: None,
             attempts: Vec::new(),
@@ -174,7 +182,7 @@ impl Learner {
             frames: 0,
             improvements: 0,
             over: false,
-        })
+        }))
     }
 
     /// Simulates one frame, or some frames of each try. False when there is nothing left to try.
@@ -241,9 +249,19 @@ impl Learner {
         self.improvements
     }
 
-    /// Begins to plan; false if nothing is searched for, or no planner knows the robot.
+    /// The states of the best motion so far, 30 of history first; (30 + frames, S).
+    fn best_states(&self) -> &[f64] {
+        self.best.as_ref().map_or(&self.states, Rollout::states)
+    }
+
+    /// Begins to plan, if joints still stay away after the passes; false if they do not, or if no
+    /// planner can.
     fn begin_plan(&mut self) -> bool {
-        if self.budget > 0 {
+        if self.searches {
+            self.budget =
+                detour::budget(self.trial.goals(), self.trial.plan(), self.best_states());
+        }
+        if self.budget > 0 && planned::is_affordable(&self.trial) {
             self.planned = Planned::new(&self.trial).ok();
         }
         self.planned.is_some()
@@ -280,8 +298,12 @@ impl Learner {
         }
     }
 
+    /// Begins to search; false if every joint arrives by now.
     fn begin_search(&mut self, fresh: &dyn Fn() -> Result<Rollout, Error>) -> bool {
-        if self.budget == 0 {
+        // The plan has been followed.
+        self.planned = None;
+        let away = |l: &Learner| detour::budget(l.trial.goals(), l.trial.plan(), l.best_states());
+        if self.budget == 0 || away(self) == 0 {
             return false;
         }
         // The first better try takes the place of a best motion, if there is none yet.
@@ -338,8 +360,9 @@ impl Learner {
                 Some(best) => rollout.branch(best, &what.shift),
                 None => rollout.correct(&what.shift),
             };
-            // A try that changes nothing counts too, so that the search comes to an end.
+            // A try counts as a frame, so that the search ends even if tries change nothing.
             self.budget = self.budget.saturating_sub(1);
+            self.frames += 1;
             self.attempts.push(Attempt { rollout, what, going: begun.is_ok() });
         }
         !self.attempts.is_empty()
@@ -347,7 +370,7 @@ impl Learner {
 
     /// Goes on from the best of the tries, if one is better.
     fn adopt_best(&mut self) {
-        let score = |a: &Attempt| error(&a.rollout).filter(|_| a.rollout.is_done());
+        let score = |a: &Attempt| score(&a.rollout).filter(|_| a.rollout.is_done());
         let scores = self.attempts.iter().enumerate().filter_map(|(at, a)| Some((at, score(a)?)));
         let fair = scores.filter(|(at, e)| {
             *e < self.least && unnatural(&self.attempts[*at].rollout) <= self.gaps
@@ -370,7 +393,7 @@ impl Learner {
 
     /// Keeps the trial if it is better, and goes on with another rollout.
     fn keep_trial(&mut self, fresh: &dyn Fn() -> Result<Rollout, Error>) -> Result<(), Error> {
-        if error(&self.trial).is_some_and(|e| e < self.least) {
+        if score(&self.trial).is_some_and(|e| e < self.least) {
             let next = match self.best.take() {
                 Some(last) => last,
                 None => fresh()?,
@@ -383,7 +406,7 @@ impl Learner {
 
     /// Keeps a better motion; the one before.
     fn keep(&mut self, better: Rollout) -> Option<Rollout> {
-        (self.least, self.gaps) = (error(&better).unwrap_or(self.least), unnatural(&better));
+        (self.least, self.gaps) = (score(&better).unwrap_or(self.least), unnatural(&better));
         self.improvements += 1;
         self.best.replace(better)
     }
@@ -410,11 +433,6 @@ impl Attempt {
             }
         }
     }
-}
-
-/// Precision with the penalty for unnatural motion in gaps; `None` if nothing was commanded.
-fn error(rollout: &Rollout) -> Option<f64> {
-    Some(rollout.precision().precision? + unnatural(rollout))
 }
 
 #[cfg(test)]
@@ -454,12 +472,13 @@ mod tests {
         };
         let mut first = fresh().unwrap();
         first.run(&Cancel::default()).unwrap();
-        let before = error(&first).unwrap();
-        let mut learner = Learner::new(&first, before, fresh().unwrap(), true, 1).unwrap();
+        let before = score(&first).unwrap();
+        let mut learner = Learner::new(&policy, &first, fresh().unwrap(), 1).unwrap().unwrap();
         while learner.step(fresh) {}
         assert_eq!(learner.passes, PASSES);
+        assert_eq!(learner.frames, PASSES * (first.frames() - 1), "nothing is left to search for");
         let best = learner.best().unwrap();
-        assert!(error(best).unwrap() < 0.2 * before, "{} {before}", error(best).unwrap());
+        assert!(score(best).unwrap() < 0.2 * before, "{} {before}", score(best).unwrap());
         assert_eq!(best.goals(), first.goals());
         // A new rollout with the same correction has the same bits.
         let mut again = fresh().unwrap();
@@ -479,9 +498,9 @@ mod tests {
         };
         let mut first = fresh().unwrap();
         first.run(&Cancel::default()).unwrap();
-        let least = error(&first).unwrap();
         let search = |threads| {
-            let mut learner = Learner::new(&first, least, fresh().unwrap(), true, threads).unwrap();
+            let learner = Learner::new(&policy, &first, fresh().unwrap(), threads);
+            let mut learner = learner.unwrap().unwrap();
             while learner.stage() != Stage::Search {
                 assert!(learner.step(fresh));
             }

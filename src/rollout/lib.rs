@@ -52,6 +52,7 @@ pub use error::Error;
 pub use extracted_tasks::{EXTRACTED_FRAMES, Masking, extract_task, test_suites};
 pub use fitted::{FitCard, FitKind, card_of, facts, normaliser};
 pub use gaps::{GapFigures, Overshoot, Worst};
+pub use ilc::Stage;
 pub use ilqr::{Ilqr, IlqrConfig};
 pub use inverse::{Inverse, InverseSettings};
 pub use jam::Off;

@@ -6,9 +6,9 @@
 
 use std::sync::Arc;
 
-use super::auto::{Trial, best, configs, differing, learns, searches};
+use super::auto::{Trial, best, configs, differing, learns};
 use super::error::Error;
-use super::ilc::{self, Learner};
+use super::ilc::{Learner, Stage};
 use super::registry::PolicyConfig;
 use super::run::{Rollout, RolloutConfig, Start};
 use super::window::Goals;
@@ -175,7 +175,7 @@ impl LiveRollout {
     /// Simulates one frame of a repetition by the best contender, or some of a search. False after the
     /// last one.
     fn learn(&mut self) -> bool {
-        if !self.learns || self.frames > ilc::LONGEST {
+        if !self.learns {
             return false;
         }
         if self.learner.is_none() {
@@ -190,13 +190,12 @@ impl LiveRollout {
     fn learner(&self) -> Option<(usize, Learner)> {
         let tried = self.tried();
         let trials: Vec<Trial> = tried.iter().map(|(_, t)| t.clone()).collect();
-        let (at, trial) = &tried[best(&trials)?];
+        let (at, _) = &tried[best(&trials)?];
         let own = &self.contenders[*at];
         let first = own.rollout.as_ref()?;
         let fresh = beginning(&self.robot, own, &self.command, self.seed).ok()?;
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
-        let (least, searches) = (trial.score()?, searches(&own.policy));
-        Some((*at, Learner::new(first, least, fresh, searches, threads).ok()?))
+        Some((*at, Learner::new(&own.policy, first, fresh, threads).ok()??))
     }
 
     /// What the contenders achieved that have something of their own to show.
@@ -206,6 +205,11 @@ impl LiveRollout {
             (_, failed) => Trial::failed(&c.policy, failed.as_ref()),
         };
         self.differing.iter().map(|&at| (at, trial(&self.contenders[at]))).collect()
+    }
+
+    /// How the best contender improves its motion at the moment; `None` while contenders perform.
+    pub fn stage(&self) -> Option<Stage> {
+        self.learner.as_ref().map(|(_, l)| l.stage())
     }
 
     /// How often corrections have improved the motion.

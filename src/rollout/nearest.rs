@@ -10,6 +10,7 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 
 use pulp::Arch;
 use serde::{Deserialize, Serialize};
@@ -61,10 +62,10 @@ pub struct Nearest {
     card: FitCard<NearestSettings>,
     /// (S, stride): one row per joint, trajectories one after the other, then padding for the last
     /// block.
-    qpos: Vec<f32>,
+    qpos: Arc<[f32]>,
     stride: usize,
     /// (N, A).
-    ctrl: Vec<f32>,
+    ctrl: Arc<[f32]>,
     /// Factors of the three distances, (S) each.
     place: Vec<f32>,
     past: Vec<f32>,
@@ -121,9 +122,9 @@ impl Nearest {
             way: scales.way,
             best: Vec::with_capacity(set.neighbours + 1),
             card,
-            qpos: columns,
+            qpos: columns.into(),
             stride,
-            ctrl,
+            ctrl: ctrl.into(),
         })
     }
 
@@ -352,6 +353,10 @@ impl Policy for Nearest {
     fn act(&mut self, view: &View<'_>, action: &mut [f64]) -> Result<(), Error> {
         self.answer(view.window, action);
         Ok(())
+    }
+
+    fn fork(&self) -> Option<Box<dyn Policy>> {
+        Some(Box::new(self.clone()))
     }
 }
 

@@ -15,6 +15,19 @@ pub(super) const PASSES: usize = 3;
 /// Share of the distance to the path by which goals move after a pass.
 const GAIN: f64 = 0.6;
 
+/// The longest clip that is planned, in frames of a robot with [`COORDINATES`]: about a minute of one
+/// core.
+const LONGEST: usize = 6000;
+/// The velocities of the Shadow Hand.
+const COORDINATES: usize = 24;
+
+/// Whether a planner performs the clip within about a minute. The time of a frame grows with the
+/// cube of the velocities.
+pub(super) fn is_affordable(trial: &Rollout) -> bool {
+    let larger = (trial.robot().model().nv() as f64 / COORDINATES as f64).max(1.0);
+    trial.frames() as f64 * larger.powi(3) <= LONGEST as f64
+}
+
 /// A planner that performs the clip, and the passes of a policy that follows it.
 pub(super) struct Planned {
     planner: Rollout,

@@ -178,7 +178,10 @@ pub fn offers(robot: &Robot) -> Vec<Offer> {
         guide: Guide::None,
         knows_model: matches!(
             name,
-            PolicyName::ComputedTorque | PolicyName::Ilqr | PolicyName::PredictiveSampling
+            PolicyName::Auto
+                | PolicyName::ComputedTorque
+                | PolicyName::Ilqr
+                | PolicyName::PredictiveSampling
         ),
         slow: matches!(name, PolicyName::Ilqr | PolicyName::PredictiveSampling),
         needs: None,
@@ -366,6 +369,12 @@ impl PolicyConfig {
     /// Whether it is found by trying policies on the clip; see [`super::Contenders`].
     pub fn is_tried(&self) -> bool {
         self.name == PolicyName::Auto || self.ilc
+    }
+
+    /// Whether it is fast enough for a search of thousands of frames.
+    pub(super) fn is_fast(&self) -> bool {
+        let slow = [PolicyName::Ilqr, PolicyName::PredictiveSampling, PolicyName::Nearest];
+        !self.refine && !slow.contains(&self.name)
     }
 
     /// The label in tables: `pd`, `pd+guide`, `robert:adaptive+ensemble=3+refine`. It does not

@@ -16,6 +16,7 @@ import { edit } from "./wire";
 function stoppable(): boolean {
   const r = store.rollout.value;
   if (r?.phase !== "running" && r?.phase !== "waiting") return false;
+  if (r.stage && r.stage !== "correct") return true;
   const slow = store.policies.value.some((p) => p.slow && p.name === store.settings.value.policy);
   return slow || store.settings.value.refine || (r.ms_per_frame ?? 0) * (r.frames - r.cached_to) > 1500;
 }

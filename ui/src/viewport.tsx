@@ -10,6 +10,7 @@ import { Draw, drawing } from "./draw";
 import { hover, hoverEnds, Tip } from "./hover";
 import { Icon } from "./icon";
 import { dropFloating, keyFloating } from "./posing";
+import type { Stage } from "./protocol";
 import { useStill } from "./rendered";
 import { DRAWS, shadows } from "./shadows";
 import { install } from "./shortcuts";
@@ -22,6 +23,14 @@ import { complain, http, tell } from "./wire";
 /** Viser's own panel and notices would cover the robot; the shell has its own. */
 const HIDE =
   "[data-floating-window],[data-testid='floating-panel'],.mantine-Notifications-root{display:none!important}";
+
+/** How Automatic improves the motion, in words. */
+const STAGES: Record<Stage, string> = {
+  correct: "correcting the goals",
+  plan: "planning a path",
+  follow: "following the path",
+  search: "searching for a better motion",
+};
 
 /** The background behind the robot: light in the middle, darker at the edges. The canvas of the scene is
  * transparent where nothing is drawn. */
@@ -113,7 +122,9 @@ export function Viewport() {
           : r.cached_to < r.frames
             ? `rollout ${r.cached_to}/${r.frames}`
             : // Every frame is there: only Automatic goes on, with the other policies.
-              "comparing policies";
+              r.stage
+              ? STAGES[r.stage]
+              : "comparing policies";
   return (
     <main class="viewport" aria-label="Viewport" data-testid="viewport">
       {stills ? (

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use robert_rollout::{Guide, PolicyConfig, PolicyName, Trial};
+use robert_rollout::{Guide, PolicyConfig, PolicyName, Stage, Trial};
 
 /// The settings of the live rollout.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -96,6 +96,9 @@ pub struct RolloutState {
     /// The policies that `auto` compared, in the order in which they were tried; empty for a named
     /// policy.
     pub tried: Vec<Trial>,
+    /// How the motion is being improved, once all frames are there.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stage: Option<Stage>,
     /// Why it failed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<String>,

@@ -159,6 +159,7 @@ impl RolloutStore {
                 frames: command.frames() as usize,
                 policy: inner.settings.label(),
                 tried: Vec::new(),
+                stage: None,
                 error: None,
                 ..inner.state.clone()
             };
@@ -206,11 +207,12 @@ impl RolloutStore {
         found.map(|p| p.rests.clone())
     }
 
-    /// Nothing is performed any more.
+    /// Nothing is performed any more. A motion that was being improved ends with its figures.
     pub(super) fn cancel(&self) {
         {
             let mut inner = self.write();
-            if matches!(inner.state.phase, Phase::Waiting | Phase::Running) {
+            let simulates = matches!(inner.state.phase, Phase::Waiting | Phase::Running);
+            if simulates && inner.state.stage.is_none() {
                 inner.set_phase(Phase::Off, None);
             }
         }
@@ -355,6 +357,7 @@ impl Inner {
     fn set_phase(&mut self, phase: Phase, error: Option<String>) {
         self.state_stamp = self.frames.next_stamp();
         self.state.phase = phase;
+        self.state.stage = self.state.stage.filter(|_| phase == Phase::Running);
         self.state.error = error;
     }
 
@@ -397,6 +400,10 @@ impl WorkerSink for RolloutStore {
                     }
                 }
                 SimulationEvent::Frames(frames) if frames.generation > floor => inner.take(frames),
+                SimulationEvent::Improving { generation, stage } if generation == current => {
+                    inner.state.stage = Some(stage);
+                    inner.goes_on();
+                }
                 SimulationEvent::Ended { generation, precision, choice, error }
                     if generation == current =>
                 {

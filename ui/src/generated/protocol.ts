@@ -1760,6 +1760,8 @@ export interface RolloutState {
   resumed_at: number;
   /** Version of the document that it performs; 0 for a preview. */
   rev: number;
+  /** How the motion is being improved, once all frames are there. */
+  stage?: Stage;
   /**
    * The policies that `auto` compared, in the order in which they were tried; empty for a named
    * policy.
@@ -1941,6 +1943,17 @@ export type SpanKind =
   | "open"
   /** No goal (for all joints), because a mask span hides it. */
   | "masked";
+
+/** How the motion of a policy is improved, one stage after another. */
+export type Stage =
+  /** Passes with goals that are moved by what was missed. */
+  | "correct"
+  /** A planner performs the clip. Its frames take several times as long as those of a policy. */
+  | "plan"
+  /** Passes along the planner's path. */
+  | "follow"
+  /** Tries of the random search. */
+  | "search";
 
 /** Exactly one of a named pose and values. */
 export interface Start {

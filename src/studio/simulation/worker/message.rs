@@ -9,7 +9,7 @@ use crate::protocol::{
 };
 use robert_base::exit::{Exit, HasExit};
 use robert_clip::Command;
-use robert_rollout::{Choice, PolicyConfig, Precision};
+use robert_rollout::{Choice, PolicyConfig, Precision, Stage};
 
 /// A question to the worker. Its type determines the type of the answer.
 pub(crate) trait Question: Into<WorkerRequest> {
@@ -328,6 +328,13 @@ pub(crate) enum SimulationEvent {
     },
     /// Simulated frames.
     Frames(Frames),
+    /// All frames are there, and the motion is being improved.
+    Improving {
+        /// The number of the rollout.
+        generation: u64,
+        /// How.
+        stage: Stage,
+    },
     /// A rollout ended.
     Ended {
         /// The number of the rollout.

@@ -14,7 +14,7 @@ use crate::protocol::{IkRequest, RobotFacts};
 use robert_clip::Command;
 use robert_mujoco::Data;
 use robert_robot::{self as robot, Robot};
-use robert_rollout::{Choice, LiveRollout, PolicyConfig, PolicyName};
+use robert_rollout::{Choice, LiveRollout, PolicyConfig, PolicyName, Stage};
 
 /// Frames are sent together when they come faster than this.
 const BATCH: Duration = Duration::from_millis(8);
@@ -41,6 +41,8 @@ struct Show {
     running: bool,
     batch: Frames,
     sent: Instant,
+    /// The stage of improvement that was sent last.
+    stage: Option<Stage>,
 }
 
 impl Performer {
@@ -101,9 +103,7 @@ impl Performer {
             }
             WorkerRequest::Perform(q) => self.perform(q.generation, q.compare, q.command),
             WorkerRequest::Stop(_) => {
-                if let Some(show) = &mut self.show {
-                    show.running = false;
-                }
+                self.stop();
                 out.answer::<Stop>(id, Ok(()));
             }
             WorkerRequest::Kinematics(q) => out.answer::<Kinematics>(
@@ -185,6 +185,7 @@ impl Performer {
                 generation,
                 compare,
                 running: true,
+                stage: None,
                 batch: Frames::default(),
                 sent: Instant::now(),
             };
@@ -199,6 +200,7 @@ impl Performer {
         self.out.tell(SimulationEvent::Started { generation, resumed_at });
         show.command = command;
         (show.generation, show.compare, show.running) = (generation, compare, true);
+        show.stage = None;
         show.batch = Frames { generation, from, ..Frames::default() };
         show.sent = Instant::now().checked_sub(BATCH).unwrap_or_else(Instant::now);
         self.show = Some(show);
@@ -254,6 +256,12 @@ impl Performer {
                 show.sent = Instant::now();
                 grant_cpu();
             }
+            let (stage, generation) = (show.rollout.stage(), show.generation);
+            if stage != std::mem::replace(&mut show.stage, stage)
+                && let Some(stage) = stage
+            {
+                self.out.tell(SimulationEvent::Improving { generation, stage });
+            }
             if show.rollout.show_best_so_far()
                 && let Err(e) = self.show_again()
             {
@@ -261,6 +269,21 @@ impl Performer {
             }
             return;
         }
+        self.choose();
+    }
+
+    /// Stops. While a motion is being improved, the best one so far is shown with its figures.
+    fn stop(&mut self) {
+        let Some(show) = &mut self.show else { return };
+        if show.running && show.rollout.stage().is_some() {
+            return self.choose();
+        }
+        show.running = false;
+    }
+
+    /// Shows the best motion and ends.
+    fn choose(&mut self) {
+        let Some(show) = &mut self.show else { return };
         match show.rollout.choose() {
             Ok(choice) => {
                 let shown = if choice.changed { self.show_again() } else { Ok(()) };
