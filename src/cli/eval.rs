@@ -309,6 +309,9 @@ fn suites(args: &Args) -> Outcome<(Arc<Robot>, Vec<Suite>)> {
             ));
         }
     };
+    for (name, source) in &named {
+        one_robot(name, source, robot.id())?;
+    }
     let mut suites = Vec::new();
     for (name, source) in named {
         let clips = match source {
@@ -327,6 +330,24 @@ fn suites(args: &Args) -> Outcome<(Arc<Robot>, Vec<Suite>)> {
         suites.push(Suite { name, cases });
     }
     Ok((robot, suites))
+}
+
+/// Refuses clips that were made for different robots, which cannot share a table.
+fn one_robot(name: &str, source: &Source, robot: &str) -> Outcome {
+    let Source::Clips(clips) = source else { return Ok(()) };
+    let of = |(_, clip): &(String, Clip)| clip.robot.id.clone();
+    let mut robots: Vec<String> = clips.iter().map(of).collect();
+    robots.sort();
+    robots.dedup();
+    match (&robots[..], clips.iter().find(|c| of(c) != robot)) {
+        ([_, _, ..], Some(other)) => Err(Failure::invalid(format!(
+            "{name} has clips for {}, such as {} for {}: evaluate those of each robot alone",
+            robots.join(", "),
+            other.0,
+            other.1.robot.id
+        ))),
+        _ => Ok(()),
+    }
 }
 
 /// The three suites extracted from a dataset.

@@ -4,6 +4,7 @@ use serde_json::{Value, json};
 
 use super::failure::{Failure, Outcome};
 use super::out;
+use crate::kinematics::Point;
 use crate::mujoco::{Data, Kind, Model};
 use crate::rng::{Rng, Stream};
 use crate::robot::{Drive, Robot, Settled};
@@ -123,6 +124,7 @@ fn show(robot: &str, json: bool, toml: bool) -> Outcome {
             map.insert("action_dim".into(), json!(robot.action_dim()));
             map.insert("model_sha256".into(), json!(robot.model_sha256()));
             map.insert("folder".into(), json!(robot.folder()));
+            map.insert("sites".into(), sites(&robot)?);
             map.insert(
                 "facts".into(),
                 json!({
@@ -173,9 +175,35 @@ fn show(robot: &str, json: bool, toml: bool) -> Outcome {
         p.groups.iter().map(|g| format!("{} ({})", g.name, g.joints.len())).collect();
     out::line(&format!("groups   {}", groups.join(", ")))?;
     out::line(&format!("poses    {}", robot.pose_names().collect::<Vec<_>>().join(", ")))?;
-    out::line(&format!("ik sites {}", p.ik_sites.join(", ")))?;
+    let home: Vec<f64> = robot.home();
+    let sites = p.ik_sites.iter().map(|name| {
+        let at = site(&robot, &home, name).map(|x| fixed(x, 3));
+        format!("{name} ({})", at.join(" "))
+    });
+    let sites: Vec<String> = sites.collect();
+    out::line(&format!("ik sites {}; m, at home", sites.join(", ")))?;
     out::line(&format!("mirror   {}", robot.mirror_reason().unwrap_or("yes")))?;
     out::line(&format!("licence  {}", p.licence))
+}
+
+/// The place of a site in a pose, m.
+fn site(robot: &Robot, state: &[f64], name: &str) -> [f64; 3] {
+    let tree = robot.kinematics();
+    let found = tree.point(&Point::Site(name.to_owned()));
+    found.map_or([f64::NAN; 3], |point| tree.place(state, &point).pos)
+}
+
+/// The places of the sites for inverse kinematics in each named pose, m.
+fn sites(robot: &Robot) -> Outcome<Value> {
+    let mut all = serde_json::Map::new();
+    for name in &robot.profile().ik_sites {
+        let mut places = serde_json::Map::new();
+        for pose in robot.pose_names() {
+            places.insert(pose.to_owned(), json!(site(robot, &robot.pose(pose)?, name)));
+        }
+        all.insert(name.clone(), places.into());
+    }
+    Ok(all.into())
 }
 
 fn settle(robot: &str, pose: Option<&str>, set: &[String], json: bool) -> Outcome {

@@ -9,7 +9,7 @@ use super::failure::{Failure, Outcome};
 use super::global::Global;
 use super::perform::{PerformArgs, Performed, perform};
 use super::{input, motion, out};
-use crate::clip::lint;
+use crate::clip::{Level, lint};
 use crate::exit::HasExit as _;
 use crate::robot::PlantConfig;
 use crate::rollout::{ClipFacts as _, Precision, Rollout, Settler, Trial};
@@ -77,6 +77,9 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
             if kept.is_empty() { kept } else { format!("; the frames before that are in {kept}") };
         return Err(Failure::with(exit, format!("{e}{kept}")));
     }
+    if !global.quiet {
+        warn(&done);
+    }
     let precision = done.rollout.precision();
     if args.json {
         let mut report = report(args, &done, &precision);
@@ -87,6 +90,19 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let mut text = summary(&done, &precision, unit);
     text.push_str(&tried(&done, unit));
     input::say(taken, &text)
+}
+
+/// Says that the clip asks for what cannot be performed, such as a value beyond a joint's limit.
+fn warn(done: &Performed) {
+    let found = lint(&done.clip, &done.command, &done.robot.joint_table(), None);
+    let mut errors = found.iter().filter(|l| l.level == Level::Error);
+    if let Some(first) = errors.next() {
+        let more = match errors.count() {
+            0 => String::new(),
+            n => format!(", and {n} more"),
+        };
+        out::aside(&format!("warning: {}{more}: see robert clip check", first.message));
+    }
 }
 
 fn report(args: &Args, done: &Performed, p: &Precision) -> Value {

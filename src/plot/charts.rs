@@ -74,8 +74,21 @@ pub fn precision(
         .collect();
     let y = Axis::new("precision: mean absolute error", unit).from_zero();
     layers.extend(curve_layers(&scaled, &y));
+    layers.extend(scaled.iter().enumerate().map(|(color, c)| Layer::Marks {
+        name: String::new(),
+        points: alone(&c.points),
+        color,
+        mark: Mark::Dot,
+    }));
     let panel = Panel { x: Axis::new("time", "s"), y, layers, ..Panel::default() };
     Figure::of(title, panel)
+}
+
+/// Points without a neighbour, such as the error at a key of one frame, which no line shows.
+fn alone(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let seen = |i: Option<usize>| i.and_then(|i| points.get(i)).is_some_and(|p| p.1.is_finite());
+    let place = |i: &usize| seen(Some(*i)) && !seen(i.checked_sub(1)) && !seen(Some(i + 1));
+    (0..points.len()).filter(place).map(|i| points[i]).collect()
 }
 
 /// Command and reached motion, one small panel per joint. Single commands (keyframes) become

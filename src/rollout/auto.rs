@@ -2,9 +2,10 @@
 //!
 //! Every contender performs the clip: the learned policies and proportional control, with and
 //! without smooth motion planned through the gaps. No policy is best everywhere (contact,
-//! unreachable poses), and a rollout takes a fraction of a second. The best one then repeats the
-//! clip and corrects its goals by what it missed ([`super::ilc`]). If joints still stay away, it
-//! follows the path of a planner and searches for detours. The best motion is used.
+//! unreachable poses), and a rollout takes a fraction of a second. The best ones then repeat the
+//! clip and correct their goals by what they missed ([`super::ilc`]). If joints still stay away, the
+//! nearest one follows the path of a planner and searches for detours ([`super::learner`]). The
+//! best motion is used.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -13,7 +14,8 @@ use serde::{Deserialize, Serialize};
 
 use super::error::Error;
 use super::gaps::unnatural;
-use super::ilc::{self, Learner, Stage};
+use super::ilc::{self, Repeats};
+use super::learner::{Learner, RACERS, Stage};
 use super::policy::Policy;
 use super::registry::{Guide, Inference, PolicyConfig, PolicyName};
 use super::run::{Rollout, RolloutConfig, Start};
@@ -63,12 +65,14 @@ impl Trial {
 }
 
 impl Chosen {
-    /// Replaces the rollout by one with corrected goals, if there is one.
-    fn adopt(&mut self, better: Option<Rollout>) {
-        let Some(better) = better else { return };
-        self.policy.ilc = true;
-        self.tried.push(Trial::of(&self.policy, &better));
-        self.rollout = better;
+    /// Replaces the rollout by one of `policy` with corrected goals, if that is better.
+    fn adopt(&mut self, policy: &PolicyConfig, better: Rollout) {
+        let policy = PolicyConfig { ilc: true, ..policy.clone() };
+        let trial = Trial::of(&policy, &better);
+        if leads(&self.tried, &trial) {
+            self.tried.push(trial);
+            (self.policy, self.rollout) = (policy, better);
+        }
     }
 
     /// The chosen policy on any plant, with the same corrections; nothing is simulated yet.
@@ -164,7 +168,9 @@ impl Contenders {
         let learns = self.learns && goals.frames() <= ilc::LONGEST;
         if self.learns && !learns {
             let most = ilc::LONGEST;
-            progress.log(&format!("a clip of more than {most} frames is not repeated: its goals are not corrected"));
+            progress.log(&format!(
+                "a clip of more than {most} frames is not repeated: its goals are not corrected"
+            ));
         }
         let frames = differ.len() * command.frames().saturating_sub(1) as usize;
         let tick = |label: &str| {
@@ -194,13 +200,53 @@ impl Contenders {
         if cancel.is_cancelled() {
             return Err(Error::Cancelled { frame: 0 });
         }
-        let (at, mut chosen) = self.nearest(all)?;
-        if learns {
-            let again = || self.rollout(at, command, start, seed);
-            let better = repeat(&chosen, again, threads, progress, cancel)?;
-            chosen.adopt(better);
+        let (tried, mut rollouts) = self.compare(all)?;
+        let again = |at| self.rollout(at, command, start, seed);
+        let racer = |turn: usize| {
+            let (at, first) = rollouts[turn].as_ref()?;
+            let fresh = [again(*at).ok()?, again(*at).ok()?];
+            Repeats::new((*at, &self.list[*at].0), first, fresh).ok()?
+        };
+        let racers = leaders(&tried).filter(|_| learns).filter_map(racer).collect();
+        let better = Learner::new(racers, threads)
+            .and_then(|learner| self.repeat(learner, again, progress, cancel));
+        let performed = rollouts.iter().position(Option::is_some);
+        let nearest = best(&tried).or(performed).and_then(|turn| rollouts.swap_remove(turn));
+        let Some((at, rollout)) = nearest else { unreachable!("one has performed the clip") };
+        let mut chosen = Chosen { policy: self.list[at].0.clone(), rollout, tried };
+        if let Some((at, better)) = better {
+            chosen.adopt(&self.list[at].0, better);
         }
         Ok(chosen)
+    }
+
+    /// Improves the motions of the racers until a stop; the best motion, if it is better than what
+    /// its contender did at first.
+    fn repeat(
+        &self,
+        mut learner: Learner,
+        again: impl Fn(usize) -> Result<Rollout, Error>,
+        progress: &dyn Progress,
+        cancel: &Cancel,
+    ) -> Option<(usize, Rollout)> {
+        let (mut stage, mut began): (Option<Stage>, usize) = (None, 0);
+        loop {
+            // Each stage has its own pace, and so its own estimate of the time that is left.
+            if stage != Some(learner.stage()) {
+                (stage, began) = (Some(learner.stage()), learner.frames());
+                progress.phase(learner.stage().title(), "frames");
+            }
+            let frames = (learner.frames() - began) as u64;
+            let own = PolicyConfig { ilc: true, ..self.list[learner.at()].0.clone() };
+            progress.tick(frames, frames + learner.frames_left() as u64, &own.label());
+            // What was found until a stop counts.
+            if cancel.is_cancelled() || !learner.step(&again) {
+                break;
+            }
+        }
+        let frames = (learner.frames() - began) as u64;
+        progress.tick(frames, frames, "");
+        learner.into_best()
     }
 
     /// A rollout of a contender at its beginning.
@@ -234,8 +280,8 @@ impl Contenders {
         Ok(rollout)
     }
 
-    /// The best of all rollouts, and its contender.
-    fn nearest(&self, all: Vec<(usize, Result<Rollout, Error>)>) -> Result<(usize, Chosen), Error> {
+    /// What the contenders achieved, and their rollouts.
+    fn compare(&self, all: Vec<(usize, Result<Rollout, Error>)>) -> Result<Performances, Error> {
         let (mut tried, mut rollouts) = (Vec::new(), Vec::new());
         let mut first_error = None;
         for (at, result) in all {
@@ -252,54 +298,33 @@ impl Contenders {
                 }
             }
         }
-        let performed = rollouts.iter().position(Option::is_some);
-        match (best(&tried).or(performed), first_error) {
-            (Some(turn), _) => match rollouts.swap_remove(turn) {
-                Some((at, rollout)) => {
-                    Ok((at, Chosen { policy: self.list[at].0.clone(), rollout, tried }))
-                }
-                None => unreachable!("the best has been performed"),
-            },
-            (None, Some(e)) => Err(e),
-            (None, None) => unreachable!("there is always a contender"),
+        match first_error {
+            Some(e) if rollouts.iter().all(Option::is_none) => Err(e),
+            _ => Ok((tried, rollouts)),
         }
     }
 }
 
-/// Lets the chosen policy repeat the clip until a stop; the best motion, if it is better.
-fn repeat(
-    chosen: &Chosen,
-    again: impl Fn() -> Result<Rollout, Error>,
-    threads: usize,
-    progress: &dyn Progress,
-    cancel: &Cancel,
-) -> Result<Option<Rollout>, Error> {
-    let learner = Learner::new(&chosen.policy, &chosen.rollout, again()?, threads)?;
-    let Some(mut learner) = learner else { return Ok(None) };
-    let label = PolicyConfig { ilc: true, ..chosen.policy.clone() }.label();
-    let (mut stage, mut began): (Option<Stage>, usize) = (None, 0);
-    loop {
-        // Each stage has its own pace, and so its own estimate of the time that is left.
-        if stage != Some(learner.stage()) {
-            (stage, began) = (Some(learner.stage()), learner.frames());
-            progress.phase(learner.stage().title(), "frames");
-        }
-        let frames = (learner.frames() - began) as u64;
-        progress.tick(frames, frames + learner.frames_left() as u64, &label);
-        // What was found until a stop counts.
-        if cancel.is_cancelled() || !learner.step(&again) {
-            break;
-        }
-    }
-    let frames = (learner.frames() - began) as u64;
-    progress.tick(frames, frames, &label);
-    Ok(learner.into_best())
-}
+/// What contenders achieved, and each contender with its rollout, if it could perform.
+type Performances = (Vec<Trial>, Vec<Option<(usize, Rollout)>>);
 
 /// The contender with the smallest sum of error and gap penalty; the first among equals.
 pub(super) fn best(tried: &[Trial]) -> Option<usize> {
     let scored = tried.iter().enumerate().filter_map(|(at, t)| Some((at, t.score()?)));
     scored.min_by(|(_, a), (_, b)| a.total_cmp(b)).map(|(at, _)| at)
+}
+
+/// Whether a policy is better than all that were tried.
+pub(super) fn leads(tried: &[Trial], trial: &Trial) -> bool {
+    trial.score().is_some_and(|s| tried.iter().filter_map(Trial::score).all(|t| s < t))
+}
+
+/// The contenders that repeat the clip, best first.
+pub(super) fn leaders(tried: &[Trial]) -> impl Iterator<Item = usize> {
+    let mut scored: Vec<_> =
+        tried.iter().enumerate().filter_map(|(at, t)| Some((t.score()?, at))).collect();
+    scored.sort_by(|a, b| a.0.total_cmp(&b.0));
+    scored.into_iter().map(|(_, at)| at).take(RACERS)
 }
 
 /// Whether the best contender repeats the clip. With refinement a pass takes seconds, so this has

@@ -26,6 +26,8 @@ const FARTHEST: f64 = 0.5;
 const EASE: usize = 4;
 /// A try ends when the sum of its errors is larger by so much, rad or m.
 const PATIENCE: f64 = 0.2;
+/// Weight of a joint that stays away for a second or more, beside one that is late.
+const STAYS: f64 = 3.0;
 /// Frames after the movements of goals at which a try is compared with the best motion up to there.
 const SETTLES: usize = 20;
 
@@ -163,18 +165,21 @@ pub(super) fn budget(goals: &Goals, plan: &Goals, states: &[f64]) -> usize {
     (BUDGET * goals.frames()).min(MOST) * 24 / goals.dim().clamp(6, 240)
 }
 
-/// Joints and frames in runs of a second or more far from their goals, and those with the worst
-/// motion in gaps.
+/// Joints and frames far from their goals, and those with the worst motion in gaps.
 fn places(goals: &Goals, plan: &Goals, states: &[f64]) -> Vec<Place> {
     let (d, reached) = (goals.dim(), reached(goals, states));
-    let place = |frame: usize, joint: usize| {
-        let cost = (reached[frame * d + joint] - goals.row(frame)[joint]).abs();
-        Place { frame, joint, cost }
+    let place = |i: usize| {
+        let (frame, joint) = (i / d, i % d);
+        let cost = (reached[i] - goals.row(frame)[joint]).abs();
+        (goals.is_visible(frame, joint) && cost > jam::FAR).then_some(Place { frame, joint, cost })
     };
-    let off = jam::off(goals, reached, jam::FAR).into_iter();
-    let long = off.filter(|o| o.to - o.from >= jam::LEAST_FRAMES);
-    let mut found: Vec<_> =
-        long.flat_map(|o| (o.from..o.to).map(move |f| place(f, o.joint))).collect();
+    let mut found: Vec<_> = (d..goals.frames() * d).filter_map(place).collect();
+    for jam in
+        jam::off(goals, reached, jam::FAR).iter().filter(|o| o.to - o.from >= jam::LEAST_FRAMES)
+    {
+        let stays = |p: &&mut Place| p.joint == jam.joint && (jam.from..jam.to).contains(&p.frame);
+        found.iter_mut().filter(stays).for_each(|p| p.cost *= STAYS);
+    }
     for Unnatural { frame, joint, penalty } in gaps::unnatural_places(goals, states) {
         // Only goals that the policy sees can move.
         let seen = (1..goals.frames()).filter(|&f| plan.is_visible(f, joint));
@@ -246,8 +251,7 @@ mod tests {
     #[test]
     fn nothing_is_tried_where_every_joint_arrives() {
         let goals = goals();
-        // Half a second is no jam.
-        let states = away(0, 30, 40);
+        let states: Vec<f64> = away(0, 30, 40).iter().map(|x| 0.2 * x).collect();
         assert_eq!(budget(&goals, &goals, &states), 0);
         assert!(Detours::new(&goals, &goals, &states, &[0.0; 3 * FRAMES]).next(&goals).is_none());
     }

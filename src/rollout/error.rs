@@ -53,7 +53,7 @@ pub enum Error {
         /// Joints of the robot.
         want: usize,
         /// A way to fix it.
-        hint: &'static str,
+        hint: String,
     },
     /// The clip has no frames to roll out.
     #[error("the clip has {frames} frames; a rollout needs at least 2")]

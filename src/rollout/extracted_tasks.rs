@@ -109,7 +109,7 @@ pub fn test_suites(
             robot: robot.id().to_owned(),
             got: joints.len(),
             want: robot.state_dim(),
-            hint: "the dataset is from another robot",
+            hint: "the dataset is from another robot".into(),
         });
     }
     let windows = Windows::new(data, STATES, Part::Test, seed)?;

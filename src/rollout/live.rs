@@ -6,9 +6,10 @@
 
 use std::sync::Arc;
 
-use super::auto::{Trial, best, configs, differing, learns};
+use super::auto::{Trial, best, configs, differing, leaders, leads, learns};
 use super::error::Error;
-use super::ilc::{Learner, Stage};
+use super::ilc::Repeats;
+use super::learner::{Learner, Stage};
 use super::registry::PolicyConfig;
 use super::run::{Rollout, RolloutConfig, Start};
 use super::window::Goals;
@@ -34,8 +35,8 @@ pub struct LiveRollout {
     shown: (usize, usize),
     /// Whether the best contender repeats the clip.
     learns: bool,
-    /// The contender that repeats the clip, once all have performed it.
-    learner: Option<(usize, Learner)>,
+    /// The contenders that repeat the clip, once all have performed it.
+    learner: Option<Learner>,
     command: Command,
     /// The contenders that move differently on this clip.
     differing: Vec<usize>,
@@ -90,7 +91,7 @@ impl LiveRollout {
 
     /// The rollout that is shown.
     pub fn shown(&self) -> &Rollout {
-        let best = self.learner.as_ref().and_then(|(_, l)| l.best());
+        let best = self.learner.as_ref().and_then(Learner::best);
         match (best, &self.contenders[self.shown.0].rollout) {
             (Some(best), _) if self.shown.1 > 0 => best,
             (_, Some(rollout)) => rollout,
@@ -181,21 +182,23 @@ impl LiveRollout {
         if self.learner.is_none() {
             self.learner = self.learner();
         }
-        let Some((at, learner)) = &mut self.learner else { return false };
-        let own = &self.contenders[*at];
-        learner.step(|| beginning(&self.robot, own, &self.command, self.seed))
+        let Some(learner) = &mut self.learner else { return false };
+        learner.step(|at| beginning(&self.robot, &self.contenders[at], &self.command, self.seed))
     }
 
-    /// The best contender, about to repeat the clip; `None` if none can.
-    fn learner(&self) -> Option<(usize, Learner)> {
+    /// The best contenders, about to repeat the clip; `None` if none can.
+    fn learner(&self) -> Option<Learner> {
         let tried = self.tried();
         let trials: Vec<Trial> = tried.iter().map(|(_, t)| t.clone()).collect();
-        let (at, _) = &tried[best(&trials)?];
-        let own = &self.contenders[*at];
-        let first = own.rollout.as_ref()?;
-        let fresh = beginning(&self.robot, own, &self.command, self.seed).ok()?;
+        let racer = |turn: usize| {
+            let at = tried[turn].0;
+            let own = &self.contenders[at];
+            let fresh = || beginning(&self.robot, own, &self.command, self.seed).ok();
+            let first = own.rollout.as_ref()?;
+            Repeats::new((at, &own.policy), first, [fresh()?, fresh()?]).ok()?
+        };
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
-        Some((*at, Learner::new(&own.policy, first, fresh, threads).ok()??))
+        Learner::new(leaders(&trials).filter_map(racer).collect(), threads)
     }
 
     /// What the contenders achieved that have something of their own to show.
@@ -209,21 +212,14 @@ impl LiveRollout {
 
     /// How the best contender improves its motion at the moment; `None` while contenders perform.
     pub fn stage(&self) -> Option<Stage> {
-        self.learner.as_ref().map(|(_, l)| l.stage())
-    }
-
-    /// How often corrections have improved the motion.
-    fn improvements(&self) -> usize {
-        self.learner.as_ref().map_or(0, |(_, l)| l.improvements())
+        self.learner.as_ref().map(Learner::stage)
     }
 
     /// Shows the best motion so far once a search for a better one has begun, because the search may
     /// take seconds. Whether another motion is shown than before.
     pub fn show_best_so_far(&mut self) -> bool {
-        let Some((at, learner)) = self.learner.as_ref().filter(|(_, l)| l.searches()) else {
-            return false;
-        };
-        let best = (*at, learner.improvements());
+        let Some(learner) = self.learner.as_ref().filter(|l| l.searches()) else { return false };
+        let best = (learner.at(), learner.improvements());
         let waits = self.shown.0 != best.0 || (self.shown.1 == 0 && best.1 > 0);
         if waits {
             self.shown = best;
@@ -243,14 +239,18 @@ impl LiveRollout {
             let first = self.contenders.iter_mut().find_map(|c| c.failed.take());
             return Err(first.unwrap_or_else(|| unreachable!("all have failed")));
         };
-        let at = places[turn];
+        let mut at = places[turn];
+        let mut improvements = 0;
         let mut policy = self.contenders[at].policy.clone();
-        let better = self.learner.as_ref().and_then(|(_, l)| l.best());
-        if let Some(better) = better {
-            policy.ilc = true;
-            tried.push(Trial::of(&policy, better));
+        if let Some((learner, better)) = self.learner.as_ref().and_then(|l| Some((l, l.best()?))) {
+            let own = PolicyConfig { ilc: true, ..self.contenders[learner.at()].policy.clone() };
+            let trial = Trial::of(&own, better);
+            if leads(&tried, &trial) {
+                tried.push(trial);
+                (at, policy, improvements) = (learner.at(), own, learner.improvements());
+            }
         }
-        let shown = (at, self.improvements());
+        let shown = (at, improvements);
         let changed = std::mem::replace(&mut self.shown, shown) != shown;
         Ok(Choice { policy: policy.label(), changed, tried })
     }

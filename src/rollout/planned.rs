@@ -70,8 +70,13 @@ impl Planned {
     }
 
     /// Frames that are still to be planned.
-    pub(super) fn frames_left(&self) -> usize {
+    pub(super) fn frames_to_plan(&self) -> usize {
         self.planner.frames() - 1 - self.planner.frame()
+    }
+
+    /// Frames that are still to be simulated by a policy that is at `frame` of a pass.
+    pub(super) fn frames_left(&self, frame: usize) -> usize {
+        ((PASSES - self.passes) * (self.planner.frames() - 1)).saturating_sub(frame)
     }
 }
 

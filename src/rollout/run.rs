@@ -491,19 +491,20 @@ fn plan(goals: &Goals, guide: Guide) -> Goals {
 
 /// The command must name the robot's joints in the robot's order.
 fn check_joints(robot: &Robot, command: &Command) -> Result<(), Error> {
-    let same = robot
-        .joints()
-        .iter()
-        .map(|j| j.name.as_str())
-        .eq(command.joints().iter().map(String::as_str));
-    if same {
+    let known: Vec<&str> = robot.joints().iter().map(|j| j.name.as_str()).collect();
+    if known.iter().eq(command.joints().iter()) {
         return Ok(());
     }
+    let strange = command.joints().iter().find(|j| !known.contains(&j.as_str()));
+    let why = match strange {
+        Some(joint) => format!("\"{joint}\" is not a joint of the robot"),
+        None => "their order differs, or some are missing".to_owned(),
+    };
     Err(Error::Joints {
         robot: robot.id().to_owned(),
         got: command.dim(),
         want: robot.state_dim(),
-        hint: "the names or their order differ; name the clip's own robot with --robot",
+        hint: format!("{why}; correct the clip, or name its own robot with --robot"),
     })
 }
 

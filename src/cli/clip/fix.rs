@@ -12,6 +12,10 @@ const FIXES: usize = 1000;
 /// The most kinds of fixes that the report names one by one.
 const SAID: usize = 12;
 
+/// The longest that a clip becomes, as a multiple of its length. A pose that is far off by mistake
+/// must not stretch the clip out of shape.
+const STRETCH: u32 = 2;
+
 /// The changes that were made to a clip.
 #[derive(Debug, Default, Serialize)]
 pub(super) struct Fixed {
@@ -21,6 +25,9 @@ pub(super) struct Fixed {
     pub length: [u32; 2],
     /// Goals (a joint at a frame), before and after.
     pub goals: [usize; 2],
+    /// A fix that was not applied, because the clip would become too long.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub left_out: Option<String>,
 }
 
 impl Fixed {
@@ -46,6 +53,11 @@ impl Fixed {
                 after,
                 secs(after),
                 secs(before)
+            ));
+        }
+        if let Some(title) = &self.left_out {
+            lines.push(format!(
+                "    left out: \"{title}\" would make the clip more than {STRETCH} times as long; check the poses first"
             ));
         }
         if self.goals[1] < self.goals[0] {
@@ -84,8 +96,12 @@ impl Finder<'_> {
         let (mut clip, mut lints) = (clip.clone(), lints);
         self.prepare(&clip, &lints)?;
         let mut titles: Vec<(String, usize)> = Vec::new();
+        let longest = STRETCH * clip.length;
+        let mut left_out = None;
         for _ in 0..FIXES {
-            let Some((title, next, found)) = self.step(&clip, &lints)? else { break };
+            left_out = None;
+            let step = self.step(&clip, &lints, longest, &mut left_out)?;
+            let Some((title, next, found)) = step else { break };
             match titles.iter_mut().find(|t| t.0 == title) {
                 Some(t) => t.1 += 1,
                 None => titles.push((title, 1)),
@@ -97,6 +113,7 @@ impl Finder<'_> {
             fixes: titles,
             length: [before.frames(), after.frames()],
             goals: [goals(&before), goals(&after)],
+            left_out,
         };
         Ok((clip, lints, fixed))
     }
@@ -114,11 +131,22 @@ impl Finder<'_> {
         simulation.prepare(&clips, self.table)
     }
 
-    /// The clip after the first fix that reduces the number of findings.
-    fn step(&mut self, clip: &Clip, lints: &[Lint]) -> Outcome<Option<(String, Clip, Vec<Lint>)>> {
+    /// The clip after the first fix that reduces the number of findings and keeps it within
+    /// `longest` frames. A longer one is `left_out`.
+    fn step(
+        &mut self,
+        clip: &Clip,
+        lints: &[Lint],
+        longest: u32,
+        left_out: &mut Option<String>,
+    ) -> Outcome<Option<(String, Clip, Vec<Lint>)>> {
         let bad = lints.iter().filter(|l| l.level > Level::Info);
         for fix in bad.flat_map(|l| &l.fixes) {
             let Ok(next) = edited(clip, &fix.op, Some(self.table)) else { continue };
+            if next.length > longest {
+                left_out.get_or_insert(fix.title.clone());
+                continue;
+            }
             let found = self.find(&next)?;
             if weight(&found) < weight(lints) {
                 return Ok(Some((fix.title.clone(), next, found)));

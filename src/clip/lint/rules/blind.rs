@@ -55,16 +55,6 @@ impl Finder<'_> {
             }];
         }
         let mut fixes = Vec::new();
-        // Hold: the last goal stays until 20 frames before the next one.
-        let holder = after.and_then(|a| {
-            let i = clip.keys.partition_point(|k| k.frame <= a).checked_sub(1)?;
-            clip.keys.get(i).filter(|k| clip.hold_end(i) == a + 1 && k.frame <= a)
-        });
-        if let Some(key) = holder {
-            let hold = to - LOOKAHEAD_FRAMES - key.frame + 1;
-            let op = Op::KeysHold(KeysHold { frames: vec![key.frame], hold });
-            fixes.push(Fix { title: format!("Hold the key at {} longer", key.frame), op });
-        }
         // A goal every 20 frames on the line to the next.
         let first = after.unwrap_or(0);
         let keys: Vec<Key> = (1..)
@@ -83,6 +73,16 @@ impl Finder<'_> {
                 n => format!("Insert {n} keys on the way"),
             };
             fixes.push(Fix { title, op: Op::KeysAdd(KeysAdd { keys, replace: false }) });
+        }
+        // Or the last goal stays until 20 frames before the next one, which makes the way there faster.
+        let holder = after.and_then(|a| {
+            let i = clip.keys.partition_point(|k| k.frame <= a).checked_sub(1)?;
+            clip.keys.get(i).filter(|k| clip.hold_end(i) == a + 1 && k.frame <= a)
+        });
+        if let Some(key) = holder {
+            let hold = to - LOOKAHEAD_FRAMES - key.frame + 1;
+            let op = Op::KeysHold(KeysHold { frames: vec![key.frame], hold });
+            fixes.push(Fix { title: format!("Hold the key at {} longer", key.frame), op });
         }
         fixes
     }

@@ -107,10 +107,10 @@ impl Finder<'_> {
                 Op::FillSet(FillSet { frames, fill: Some(Fill::Linear) })
             });
             let title = match (&line, &insert) {
-                (None, _) => format!("Allow {frames} more frames before frame {at}"),
+                (None, _) => format!("Allow {} before frame {at}", more(frames)),
                 (Some(_), None) => format!("Interpolate linearly from frame {begin} to {at}"),
                 (Some(_), Some(_)) => {
-                    format!("Interpolate linearly and allow {frames} more frames")
+                    format!("Interpolate linearly and allow {}", more(frames))
                 }
             };
             let mut ops: Vec<Op> = line.into_iter().chain(insert).collect();
@@ -197,4 +197,9 @@ impl Finder<'_> {
         let title = format!("Slow the whole clip down by {factor}");
         Some(Fix { title: title.clone(), op: Op::Batch(Batch { label: title, ops }) })
     }
+}
+
+/// `1 more frame`, `2 more frames`.
+fn more(frames: u32) -> String {
+    format!("{frames} more {}", if frames == 1 { "frame" } else { "frames" })
 }
