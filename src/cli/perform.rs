@@ -40,7 +40,7 @@ pub(super) fn who(head: &str) -> String {
     let rows: Vec<String> =
         PolicyName::usages().map(|(usage, what)| format!("  {usage:<20} {what}")).collect();
     format!(
-        "{head}\n{}\nOptions after the name: +guide and +smooth are --guide linear and smooth, +refine is --refine, for this\npolicy alone (robert:adaptive is best with +guide). +ilc repeats the clip up to 6 times in simulation and moves\nthe goals by what was missed; where joints stay away, it follows the path of iLQR, and then searches at random.\nauto does so too, unless it refines. robert also has +ensemble=N (mean over N windows, 1 to 21), +sample (draws\nthe action) and +masks (the network fills the gaps itself).",
+        "{head}\n{}\nOptions after the name: +guide and +smooth are --guide linear and smooth, +refine is --refine, for this policy alone (robert:adaptive is best with +guide). +ilc repeats the clip six times in simulation and moves the goals by what was missed; where joints stay away, it follows the path of iLQR, and then searches at random. auto does so too, unless it refines. robert also has +ensemble=N (mean over N windows, 1 to 21), +sample (draws the action) and +masks (the network fills the gaps itself).",
         rows.join("\n")
     )
 }

@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 use super::failure::{Failure, Outcome};
 use super::out;
-use crate::kinematics::Point;
+use crate::kinematics::{Place, Point};
 use crate::mujoco::{Data, Kind, Model};
 use crate::rng::{Rng, Stream};
 use crate::robot::{Drive, Robot, Settled};
@@ -177,29 +177,33 @@ fn show(robot: &str, json: bool, toml: bool) -> Outcome {
     out::line(&format!("poses    {}", robot.pose_names().collect::<Vec<_>>().join(", ")))?;
     let home: Vec<f64> = robot.home();
     let sites = p.ik_sites.iter().map(|name| {
-        let at = site(&robot, &home, name).map(|x| fixed(x, 3));
-        format!("{name} ({})", at.join(" "))
+        let place = site(&robot, &home, name)?;
+        Some(format!("{name} ({})", place.pos.map(|x| fixed(x, 3)).join(" ")))
     });
+    let sites = sites.flatten();
     let sites: Vec<String> = sites.collect();
     out::line(&format!("ik sites {}; m, at home", sites.join(", ")))?;
     out::line(&format!("mirror   {}", robot.mirror_reason().unwrap_or("yes")))?;
     out::line(&format!("licence  {}", p.licence))
 }
 
-/// The place of a site in a pose, m.
-fn site(robot: &Robot, state: &[f64], name: &str) -> [f64; 3] {
+/// The place of a site in a pose.
+fn site(robot: &Robot, state: &[f64], name: &str) -> Option<Place> {
     let tree = robot.kinematics();
-    let found = tree.point(&Point::Site(name.to_owned()));
-    found.map_or([f64::NAN; 3], |point| tree.place(state, &point).pos)
+    Some(tree.place(state, &tree.point(&Point::Site(name.to_owned())).ok()?))
 }
 
-/// The places of the sites for inverse kinematics in each named pose, m.
+/// The places of the sites for inverse kinematics in each named pose, as goals of keys have them: m,
+/// and w x y z.
 fn sites(robot: &Robot) -> Outcome<Value> {
     let mut all = serde_json::Map::new();
     for name in &robot.profile().ik_sites {
         let mut places = serde_json::Map::new();
         for pose in robot.pose_names() {
-            places.insert(pose.to_owned(), json!(site(robot, &robot.pose(pose)?, name)));
+            let place = site(robot, &robot.pose(pose)?, name);
+            let round = |x: f64| (1e6 * x).round() / 1e6;
+            let goal = place.map(|p| json!({"pos": p.pos.map(round), "quat": p.quat.map(round)}));
+            places.insert(pose.to_owned(), goal.into());
         }
         all.insert(name.clone(), places.into());
     }

@@ -59,7 +59,7 @@ const NAMES: [(PolicyName, &str, &str, &str); 10] = {
             P::Auto,
             "auto",
             "[:MODEL]",
-            "the best of several policies on this clip, by simulation, its goals corrected",
+            "the best of several policies, by simulation, with corrected goals",
         ),
         (P::Zero, "zero", "", "no torque"),
         (P::Pd, "pd", "", "proportional-derivative control, joint by joint"),
@@ -103,7 +103,7 @@ impl PolicyName {
             PolicyName::Nearest => "comparison: shows what the recorded motion already contains",
             PolicyName::MlpInverse => "a goal in every frame, an inaccurate robot model",
             PolicyName::Auto => {
-                "any clip: tries several policies, repeats the best and corrects its goals"
+                "any clip: tries several policies, repeats the best and corrects their goals"
             }
         }
     }
