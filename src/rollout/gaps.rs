@@ -35,9 +35,10 @@ pub(super) const ALLOWANCE: f64 = 0.02;
 /// Allowance for overshoot as a share of the step between the two goals.
 pub(super) const ALLOWED_SHARE: f64 = 0.05;
 
-/// Penalty of unnatural motion in a gap, as rad or m of error: for each rad or m of overshoot, and
-/// for each 1 by which the path, relative to the straight line, exceeds [`LONGEST_PATH`].
-const GAP_WEIGHT: f64 = 0.02;
+/// Penalty of unnatural motion in a gap, as rad or m of error: for each rad or m of overshoot; and for
+/// each 1 by which the path, relative to the straight line, exceeds [`LONGEST_PATH`].
+const SWING_WEIGHT: f64 = 0.06;
+const PATH_WEIGHT: f64 = 0.02;
 /// The penalty for each 1 by which the jerk, relative to the minimum, exceeds [`MOST_JERK`].
 const JERK_WEIGHT: f64 = 5e-4;
 /// Limits of natural motion inside a gap: path relative to the straight line, and jerk relative to
@@ -270,7 +271,7 @@ pub(super) fn penalty(goals: &Goals, states: &[f64]) -> f64 {
     let swing = gap.overshoot.map_or(0.0, |o| o.value);
     let detour = gap.path.map_or(0.0, |p| (p - LONGEST_PATH).max(0.0));
     let jolts = gap.jerk.map_or(0.0, |j| (j - MOST_JERK).max(0.0));
-    GAP_WEIGHT * (swing + detour) + JERK_WEIGHT * jolts
+    SWING_WEIGHT * swing + PATH_WEIGHT * detour + JERK_WEIGHT * jolts
 }
 
 /// A joint and a frame with unnatural motion, and its penalty.
@@ -288,7 +289,7 @@ pub(super) fn unnatural_places(goals: &Goals, states: &[f64]) -> Vec<Unnatural> 
     let mut found = Vec::new();
     let all = gaps.iter().flat_map(|gap| overshoots(&motion, goals, gap));
     if let Some((value, frame, joint)) = all.max_by(|a, b| a.0.total_cmp(&b.0)) {
-        found.push(Unnatural { frame, joint, penalty: GAP_WEIGHT * value });
+        found.push(Unnatural { frame, joint, penalty: SWING_WEIGHT * value });
     }
     let figures = GapFigures::measure(goals, states, &names(goals)).unwrap_or_default();
     let excess = figures.jerk.map_or(0.0, |j| j - MOST_JERK);

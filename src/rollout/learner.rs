@@ -14,7 +14,7 @@ use super::run::Rollout;
 /// The number of checks of a search, and the share of the error that it must gain between two to go
 /// on.
 const CHECKS: usize = 4;
-const GAINS: f64 = 0.002;
+const GAINS: f64 = 0.0005;
 /// The number of contenders that repeat the clip.
 pub(super) const RACERS: usize = 3;
 /// Tries of the search that are simulated at once, from the same motion. The number is fixed, so

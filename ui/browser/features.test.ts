@@ -555,6 +555,23 @@ describe("features", () => {
     assert.ok(s.settings.policy === "auto", "the choice is made anew for each clip");
   });
 
+  test("a search for a better motion is named, and Stop ends it with the best one", async () => {
+    await afresh();
+    // Two radians in a tenth of a second: no policy arrives in time.
+    const key = (frame: number, pan: number) => ({ frame, q: [pan, -1.57, 1.57, -1.57, -1.57], hold: 5 });
+    const keys = [key(0, -1.57), key(20, -1.57), key(26, 0.4), key(50, -1.57), key(56, 0.4)];
+    await studio.api("POST", "/api/ops", { ops: [{ op: "keys.add", args: { keys, replace: true } }] });
+    await t.byId("policy").selectOption("auto");
+    const found = await t.until((s) => s.rollout?.stage === "search", "searching");
+    assert.equal(found.frames, found.clip?.length, "the motion from before is shown");
+    await t.page.getByText("searching for a better motion").waitFor();
+    await t.byId("stop-rollout").click();
+    const s = await t.rolledOut();
+    assert.equal(s.rollout?.phase, "done");
+    assert.match(s.rollout?.policy ?? "", /^auto: /);
+    assert.equal(await t.byId("stop-rollout").count(), 0, "there is nothing left to stop");
+  });
+
   test("markers are kept in the file", async () => {
     await afresh();
     await t.goTo(25);

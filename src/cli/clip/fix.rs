@@ -12,9 +12,10 @@ const FIXES: usize = 1000;
 /// The most kinds of fixes that the report names one by one.
 const SAID: usize = 12;
 
-/// The longest that a clip becomes, as a multiple of its length. A pose that is far off by mistake
-/// must not stretch the clip out of shape.
+/// The longest that a clip becomes, as a multiple of its length, or in frames if it is short. A pose
+/// that is far off by mistake must not stretch the clip out of shape.
 const STRETCH: u32 = 2;
+const SHORT: u32 = 400;
 
 /// The changes that were made to a clip.
 #[derive(Debug, Default, Serialize)]
@@ -96,7 +97,7 @@ impl Finder<'_> {
         let (mut clip, mut lints) = (clip.clone(), lints);
         self.prepare(&clip, &lints)?;
         let mut titles: Vec<(String, usize)> = Vec::new();
-        let longest = STRETCH * clip.length;
+        let longest = (STRETCH * clip.length).max(SHORT);
         let mut left_out = None;
         for _ in 0..FIXES {
             left_out = None;
