@@ -180,7 +180,8 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         trained = Some(teach(args, &robot, &data, &places, threads, &cancel, global)?);
     }
 
-    say("5 compare: trial clips that nothing was chosen on");
+    let last = if args.minutes > 0.0 { 5 } else { 4 };
+    say(&format!("{last} compare: trial clips that nothing was chosen on"));
     let found = compare(&robot, &places, trained.is_some(), REPORT, threads, &cancel, global)?;
     let mut choice = Vec::new();
     for seed in CHOOSE {

@@ -101,7 +101,7 @@ fn warn(done: &Performed) {
             0 => String::new(),
             n => format!(", and {n} more"),
         };
-        out::aside(&format!("warning: {}{more}: see robert clip check", first.message));
+        out::aside(format!("warning: {}{more}: see robert clip check", first.message));
     }
 }
 

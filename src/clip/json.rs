@@ -378,6 +378,7 @@ impl<'a> Reader<'a> {
         }
         match text.parse::<i64>() {
             Ok(v) if v >= i64::from(lo) && v <= i64::from(hi) => Ok(v as u32),
+            _ if lo == hi => self.fault(at, format!("{what} must be {lo}, not {}", show(text))),
             _ => self.fault(at, format!("{what} must be {lo} to {hi}, not {}", show(text))),
         }
     }

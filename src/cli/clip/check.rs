@@ -15,6 +15,7 @@ use crate::clip::{Clip, Granularity, Level, Lint, Parsed, Rule};
 use crate::exit::Exit;
 use crate::limits;
 use crate::progress::Cancel;
+use crate::robot::Robot;
 
 /// Check clips for mistakes in format, limits, speeds, blind spans and coupled joints.
 ///
@@ -208,10 +209,8 @@ fn lines(report: &FileReport, all: bool) -> Vec<String> {
         lines.extend(said.map(|(i, l)| if i == 0 { format!("{path}: {l}") } else { l }));
     }
     if !report.robot_known {
-        let robot = &report.robot;
-        lines.push(format!(
-            "{path}: robot {robot} is unknown here, so limits and speeds were not checked"
-        ));
+        let why = Robot::load(&report.robot).err().map(|e| format!(": {e}")).unwrap_or_default();
+        lines.push(format!("{path}: limits and speeds were not checked{why}"));
     }
     let mut said: Vec<(Level, Rule)> = Vec::new();
     for placed in &report.lints {

@@ -22,10 +22,10 @@ pub(super) fn robot(id: &str) -> Result<Robot, Failure> {
 pub(super) fn robot_of(clip: &Clip, asked: Option<&str>) -> Result<Option<Robot>, Failure> {
     match asked {
         Some(id) => robot(id).map(Some),
-        None if Robot::builtin_ids().any(|id| id == clip.robot.id) => {
-            robot(&clip.robot.id).map(Some)
-        }
-        None => Ok(None),
+        None => match Robot::load(&clip.robot.id) {
+            Err(crate::robot::Error::Unknown { .. }) => Ok(None),
+            loaded => Ok(Some(loaded?)),
+        },
     }
 }
 
