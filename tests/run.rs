@@ -55,11 +55,15 @@ impl Robert {
             .env_remove("ROBERT_LOG")
             .output()
             .unwrap();
+        let mut stderr = String::from_utf8_lossy(&stderr).into_owned();
+        if status.code().is_none() {
+            stderr += &format!("\n({status})");
+        }
         Ran {
             dir: self.dir,
             code: status.code().unwrap_or(-1),
             stdout: String::from_utf8_lossy(&stdout).into_owned(),
-            stderr: String::from_utf8_lossy(&stderr).into_owned(),
+            stderr,
         }
     }
 

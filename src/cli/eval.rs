@@ -33,14 +33,15 @@ const AT_ONCE: usize = 64;
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert eval --robot ur5e --suite manual --policy zero,pd,computed-torque,ilqr\n  robert eval --robot ur5e --suite manual -p pd,pd+guide --plant mass=1.25,damping=1.5,gear=0.85\n  robert eval --robot ur5e --suite manual -p robert:adaptive+guide --plant mass=0.7..1.4 --seeds 8\n  robert eval --suite my-clips/ --policy ilqr --max-precision 0.005 --json\n  robert eval --robot ur5e --suite manual -p pd,ilqr --seeds 4 --plant gear=0.8..1.2 --plot bars.png"
+    after_help = "Examples:\n  robert eval --robot ur5e --suite manual --policy zero,pd,computed-torque,ilqr\n  robert eval --robot ur5e --suite manual -p pd,pd+guide --plant mass=1.25,damping=1.5,gear=0.85\n  robert eval --robot ur5e --suite manual -p robert:adaptive+guide --plant mass=0.7..1.4 --seeds 8\n  robert eval --suite ur5e/reacher,ur5e/swing -p auto,robert,pd\n  robert eval --suite my-clips/ --policy ilqr --max-precision 0.005 --json\n  robert eval --robot ur5e --suite manual -p pd,ilqr --seeds 4 --plant gear=0.8..1.2 --plot bars.png"
 )]
 pub(super) struct Args {
     /// The robot; clip files name their own.
     #[arg(long, value_name = "ID|DIR")]
     robot: Option<String>,
     /// The tasks to perform. Built-in suites: manual, extra, validation; drawn, fast, touch;
-    /// drawn-final, fast-final, touch-final (together: final). Clip files, or folders of clips.
+    /// drawn-final, fast-final, touch-final (together: final). Single tasks by their names (robert
+    /// tasks ls). Clip files, or folders of clips.
     /// trial: five clips that are generated from the robot's limits and --data-seed. test: tasks
     /// extracted from the held-out part of --data, with no frames, a quarter and half of the frames
     /// hidden.
@@ -285,6 +286,8 @@ fn suites(args: &Args) -> Outcome<(Arc<Robot>, Vec<Suite>)> {
             named.push((text.clone(), Source::Trial));
         } else if text == "test" {
             named.push((text.clone(), Source::Data));
+        } else if let Some(clip) = task(text, args.robot.as_deref())? {
+            files.push(clip);
         } else {
             let name = match tasks::expand(text)[..] {
                 [one] => one,
@@ -330,6 +333,20 @@ fn suites(args: &Args) -> Outcome<(Arc<Robot>, Vec<Suite>)> {
         suites.push(Suite { name, cases });
     }
     Ok((robot, suites))
+}
+
+/// A built-in task by its name, `NAME` or `ROBOT/NAME`; `None` if it is the name of a suite, or of
+/// nothing.
+fn task(name: &str, robot: Option<&str>) -> Outcome<Option<(String, Clip)>> {
+    if tasks::expand(name).iter().any(|suite| tasks::SUITES.contains(suite)) {
+        return Ok(None);
+    }
+    let short = name.rsplit('/').next().unwrap_or(name);
+    match motion::clip(name, robot) {
+        Ok(clip) => Ok(Some((short.to_owned(), clip))),
+        Err(e) if short != name => Err(e),
+        Err(_) => Ok(None),
+    }
 }
 
 /// Refuses clips that were made for different robots, which cannot share a table.

@@ -40,7 +40,7 @@ pub(super) fn who(head: &str) -> String {
     let rows: Vec<String> =
         PolicyName::usages().map(|(usage, what)| format!("  {usage:<20} {what}")).collect();
     format!(
-        "{head}\n{}\nOptions after the name: +guide and +smooth are --guide linear and smooth, +refine is --refine, for this policy alone (robert:adaptive is best with +guide). +ilc repeats the clip six times in simulation and moves the goals by what was missed; where joints stay away, it follows the path of iLQR, and then searches at random. auto does so too, unless it refines. robert also has +ensemble=N (mean over N windows, 1 to 21), +sample (draws the action) and +masks (the network fills the gaps itself).",
+        "{head}\n{}\nOptions after the name: +guide and +smooth are --guide linear and smooth, +refine is --refine, for this policy alone (robert:adaptive is best with +guide). +ilc repeats the clip six times in simulation and moves the goals by what was missed; where joints stay away, it follows the path of iLQR, and then searches at random. auto does so too, unless it refines. robert also has +ensemble=N (mean over N windows, 1 to 21), +sample (draws the action) and +masks (the network fills the gaps itself). ridge also has +gain (scales its answer by what past actions reveal of the robot).",
         rows.join("\n")
     )
 }
@@ -55,8 +55,8 @@ pub(super) struct Conditions {
     #[arg(long)]
     refine: bool,
     /// Simulate another plant than the robot's file: factors such as
-    /// mass=1.25,damping=1.5,gear=0.85. robert eval also accepts ranges such as mass=0.7..1.4 and
-    /// draws one plant per seed.
+    /// mass=1.25,damping=1.5,gear=0.85, and payload=2, a mass of 2 kg at the tool. robert eval also
+    /// accepts ranges such as mass=0.7..1.4 and draws one plant per seed.
     #[arg(long, value_name = "FACTORS")]
     plant: Option<String>,
 }

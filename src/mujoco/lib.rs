@@ -44,7 +44,7 @@ pub use data::{BareLoop, Contact, Data, Warnings};
 pub use environment::set_env_at_start;
 pub use error::Error;
 pub use load::check_library;
-pub use model::{Geom, Joint, Model, Transmission};
+pub use model::{Geom, Inertial, Joint, Model, Transmission};
 pub use names::{Kind, index};
 pub use snapshot::Snapshot;
 

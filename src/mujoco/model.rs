@@ -53,6 +53,19 @@ pub enum Geom {
     Mesh,
 }
 
+/// The mass of a body and how it is spread, in the frame of the body.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Inertial {
+    /// Mass, kg.
+    pub mass: f64,
+    /// Centre of mass, m.
+    pub pos: [f64; 3],
+    /// Orientation of the principal axes, w x y z.
+    pub quat: [f64; 4],
+    /// Principal moments of inertia about the centre of mass, kg m^2.
+    pub inertia: [f64; 3],
+}
+
 /// The target of an actuator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Transmission {
@@ -405,6 +418,44 @@ impl Model {
         let (mass, inertia) =
             unsafe { (slice_mut(m.body_mass, n), slice_mut(m.body_inertia, 3 * n)) };
         mass.iter_mut().chain(inertia).for_each(|v| *v *= factor);
+        self.set_const()
+    }
+
+    /// The inertial frame of a body.
+    ///
+    /// # Panics
+    /// If there is no such body.
+    pub fn inertial(&self, body: usize) -> Inertial {
+        let three = |x: &[f64]| std::array::from_fn(|i| x[3 * body + i]);
+        Inertial {
+            mass: self.body_mass()[body],
+            pos: three(self.body_ipos()),
+            quat: std::array::from_fn(|i| self.body_iquat()[4 * body + i]),
+            inertia: three(self.body_inertia()),
+        }
+    }
+
+    /// Replaces the inertial frame of a body.
+    ///
+    /// # Errors
+    /// As [`Model::scale_mass`].
+    ///
+    /// # Panics
+    /// If there is no such body.
+    pub fn set_inertial(&mut self, body: usize, new: Inertial) -> Result<(), Error> {
+        let m = self.get_mut();
+        let (nbody, nv) = (size(m.nbody), size(m.nv));
+        // SAFETY: allocated at these sizes; `&mut self` is exclusive.
+        unsafe {
+            slice_mut(m.body_mass, nbody)[body] = new.mass;
+            slice_mut(m.body_ipos, 3 * nbody)[3 * body..][..3].copy_from_slice(&new.pos);
+            slice_mut(m.body_iquat, 4 * nbody)[4 * body..][..4].copy_from_slice(&new.quat);
+            slice_mut(m.body_inertia, 3 * nbody)[3 * body..][..3].copy_from_slice(&new.inertia);
+            // The compiler found short cuts for the old frame.
+            slice_mut(m.body_sameframe, nbody)[body] = 0;
+            slice_mut(m.body_simple, nbody)[body] = 0;
+            slice_mut(m.dof_simplenum, nv).fill(0);
+        }
         self.set_const()
     }
 

@@ -14,7 +14,7 @@ const RATIO: (f32, f32) = (0.2, 5.0);
 
 /// Sums over the frames so far, per actuator.
 #[derive(Clone, Debug)]
-pub(super) struct ActionHistory {
+pub struct ActionHistory {
     both: Vec<f32>,
     square: Vec<f32>,
     residual: Vec<f32>,
@@ -23,7 +23,7 @@ pub(super) struct ActionHistory {
 
 impl ActionHistory {
     /// For this number of actuators.
-    pub(super) fn new(actions: usize) -> Self {
+    pub fn new(actions: usize) -> Self {
         let zero = vec![0.0; actions];
         ActionHistory {
             both: zero.clone(),
@@ -34,14 +34,14 @@ impl ActionHistory {
     }
 
     /// Clears the sums.
-    pub(super) fn clear(&mut self) {
+    pub fn clear(&mut self) {
         for x in [&mut self.both, &mut self.square, &mut self.residual, &mut self.gain] {
             x.fill(0.0);
         }
     }
 
     /// Adds the next frame: the action applied before it, and the linear prediction of that action.
-    pub(super) fn see(&mut self, applied: &[f32], linear: &[f32]) {
+    pub fn see(&mut self, applied: &[f32], linear: &[f32]) {
         for (j, (&u, &l)) in applied.iter().zip(linear).enumerate() {
             self.residual[j] = u - l;
             self.both[j] += u * l;
@@ -62,7 +62,7 @@ impl ActionHistory {
     }
 
     /// Ratio of applied to linear over the past, minus 1, (A).
-    pub(super) fn gain(&self) -> &[f32] {
+    pub fn gain(&self) -> &[f32] {
         &self.gain
     }
 }

@@ -4,7 +4,7 @@
 //! transformer, [`head`] its action head, [`step`] one optimiser step on all cores. Everything uses
 //! [`robert_linalg`]. The module does not depend on clips, takes or simulators.
 
-mod action_history;
+pub mod action_history;
 mod adaptive_threads;
 pub mod batch;
 #[cfg(test)]
@@ -30,6 +30,7 @@ pub mod step;
 pub mod tensors;
 pub mod token;
 
+pub use action_history::ActionHistory;
 pub use batch::{Batch, Place};
 pub use checkpoint::{Card, Model, RobotCard};
 pub use config::{

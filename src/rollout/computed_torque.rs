@@ -23,7 +23,7 @@ use super::error::Error;
 use super::nominal_model::NominalModel;
 use super::policy::{Policy, View};
 use robert_base::units::CTRL_DT;
-use robert_mujoco::Data;
+use robert_mujoco::{Data, Model};
 use robert_robot::{Response, Robot};
 
 /// Sampling zeros with a magnitude beyond this ring visibly before they decay. The formula is that
@@ -95,7 +95,15 @@ impl ComputedTorque {
     /// # Errors
     /// [`Error::Setup`], [`Error::Timestep`].
     pub(super) fn new(robot: &Arc<Robot>) -> Result<ComputedTorque, Error> {
-        let mut nominal = NominalModel::without_contacts(robot)?;
+        ComputedTorque::on(robot, robot.model())
+    }
+
+    /// Prepares another model of the robot.
+    ///
+    /// # Errors
+    /// As [`ComputedTorque::new`].
+    pub(super) fn on(robot: &Arc<Robot>, model: &Model) -> Result<ComputedTorque, Error> {
+        let mut nominal = NominalModel::without_contacts(robot, model)?;
         robot.write_state(&mut nominal.data, &robot.home())?;
         let actuation = Actuation::new(robot, &mut nominal.data)?;
         let nv = robot.model().nv();

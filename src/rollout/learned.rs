@@ -1,5 +1,5 @@
 //! The learned policies: `robert`, a trained network, and `ridge`, the linear prediction inside
-//! its model file. Both see only the window.
+//! its model file. Both see only the window, and their own past actions.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -11,7 +11,8 @@ use super::window::Window;
 use robert_net::forward::Forwards;
 use robert_net::reach::Reach;
 use robert_net::{
-    self as net, CURRENT, Encoder, HISTORY, MaskGranularity, Model, RobotCard, WINDOW, checkpoint,
+    self as net, ActionHistory, CURRENT, Encoder, HISTORY, MaskGranularity, Model, RobotCard,
+    WINDOW, checkpoint,
 };
 use robert_robot::Robot;
 
@@ -186,6 +187,9 @@ pub struct Linear {
     scratch: net::token::Scratch,
     features: Vec<f32>,
     answer: Vec<f32>,
+    /// The actions of the last frames, oldest first, (at most 30, A), if the prediction is scaled by
+    /// what they reveal.
+    past: Option<Vec<f32>>,
     card: Option<String>,
 }
 
@@ -207,6 +211,7 @@ impl Linear {
             features: Vec::new(),
             answer: vec![0.0; encoder.tokens.facts().actions],
             encoder: Arc::new(encoder),
+            past: None,
             card: None,
         })
     }
@@ -218,17 +223,52 @@ impl Linear {
         Linear { card: serde_json::to_string_pretty(card).ok(), frames, ..self }
     }
 
+    /// Scales each actuator's prediction by the ratio of applied to predicted actions over the last
+    /// 30 frames, which reveals a robot that is heavier, more damped or weaker than those of the fit.
+    #[must_use]
+    pub fn with_gain(self, gain: bool) -> Self {
+        Linear { past: gain.then(Vec::new), ..self }
+    }
+
     /// The action for this window, (A).
     pub fn answer(&mut self, window: &Window, action: &mut [f64]) {
         debug_assert_eq!(window.history.len(), HISTORY * window.dim());
         self.frames.fill(window);
         let (tokens, now) = (&self.encoder.tokens, CURRENT..CURRENT + 1);
         tokens.read(&self.frames.q, &self.frames.visible, &mut self.scratch);
+        let gain = self.gain();
         if let Some(ridge) = &self.encoder.ridge {
+            let tokens = &self.encoder.tokens;
             ridge.answers(tokens, &self.scratch, now, &mut self.features, &mut self.answer);
         }
-        for (to, &x) in action.iter_mut().zip(&self.answer) {
-            *to = f64::from(x.clamp(-1.0, 1.0));
+        for (j, (to, &x)) in action.iter_mut().zip(&self.answer).enumerate() {
+            let gain = gain.as_ref().map_or(1.0, |g| 1.0 + g.gain()[j]);
+            *to = f64::from((gain * x).clamp(-1.0, 1.0));
+        }
+        self.remember(action);
+    }
+
+    /// What the past of the window that was just read reveals.
+    fn gain(&mut self) -> Option<ActionHistory> {
+        let (past, ridge) = (self.past.as_ref()?, self.encoder.ridge.as_ref()?);
+        let tokens = &self.encoder.tokens;
+        let actions = tokens.facts().actions;
+        let mut history = ActionHistory::new(actions);
+        let first = CURRENT - past.len() / actions;
+        let mut predicted = vec![0.0; past.len()];
+        ridge.answers(tokens, &self.scratch, first..CURRENT, &mut self.features, &mut predicted);
+        for (applied, predicted) in past.chunks(actions).zip(predicted.chunks(actions)) {
+            history.see(applied, predicted);
+        }
+        Some(history)
+    }
+
+    /// Adds an applied action to the past.
+    fn remember(&mut self, action: &[f64]) {
+        if let Some(past) = &mut self.past {
+            let most = HISTORY * action.len();
+            past.extend(action.iter().map(|&x| x as f32));
+            past.drain(..past.len().saturating_sub(most));
         }
     }
 }
@@ -242,7 +282,9 @@ impl Policy for Linear {
         self.card.clone()
     }
 
-    fn reset(&mut self, _seed: u64) {}
+    fn reset(&mut self, _seed: u64) {
+        self.past.iter_mut().for_each(Vec::clear);
+    }
 
     fn fork(&self) -> Option<Box<dyn Policy>> {
         Some(Box::new(self.clone()))
@@ -251,6 +293,24 @@ impl Policy for Linear {
     fn act(&mut self, view: &View<'_>, action: &mut [f64]) -> Result<(), Error> {
         self.answer(view.window, action);
         Ok(())
+    }
+
+    fn applied(&mut self, action: &[f64]) {
+        if let Some(past) = &mut self.past {
+            past.truncate(past.len().saturating_sub(action.len()));
+        }
+        self.remember(action);
+    }
+
+    fn memory(&self) -> Vec<f64> {
+        self.past.iter().flatten().map(|&x| f64::from(x)).collect()
+    }
+
+    fn recall(&mut self, memory: &[f64]) {
+        if let Some(past) = &mut self.past {
+            past.clear();
+            past.extend(memory.iter().map(|&x| x as f32));
+        }
     }
 }
 
@@ -362,6 +422,31 @@ mod tests {
         r.set_command(&command(&robot)).unwrap();
         r.run(&cancel).unwrap();
         assert_eq!(whole, r.actions());
+    }
+
+    #[test]
+    fn past_actions_reveal_a_weak_motor() {
+        let robot = Arc::new(Robot::builtin("ur5e").unwrap());
+        let of = |task| robert_clip::compile(&crate::tasks::find(task, None).unwrap()).unwrap();
+        let plant = robert_robot::PlantConfig { gear: 0.6, ..Default::default() };
+        let cancel = robert_base::progress::Cancel::default();
+        let run = |policy: &str, task| {
+            let policy: crate::PolicyConfig = policy.parse().unwrap();
+            let policy = policy.build(&robot).unwrap();
+            let config = RolloutConfig { plant, ..RolloutConfig::default() };
+            let mut r = Rollout::new(&robot, policy, &of(task), Start::Pose, config).unwrap();
+            r.run(&cancel).unwrap();
+            r
+        };
+        let (task, other) = ("ur5e/ellipse_air", "ur5e/drift");
+        let error = |policy| run(policy, task).precision().precision.unwrap();
+        let (fixed, scaled) = (error("ridge"), error("ridge+gain"));
+        assert!(scaled < 0.3 * fixed, "{scaled} {fixed}");
+        // It goes on from any frame, with the actions before it.
+        let mut changed = run("ridge+gain", other);
+        changed.set_command(&of(task)).unwrap();
+        changed.run(&cancel).unwrap();
+        assert_eq!(changed.actions(), run("ridge+gain", task).actions());
     }
 
     #[test]

@@ -9,6 +9,7 @@
 //! that rule and could not be compared with the learned policy, which sees only 20 frames ahead.
 
 mod actuation;
+mod adaptive_computed_torque;
 mod auto;
 mod clip_facts;
 mod computed_torque;

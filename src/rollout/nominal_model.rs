@@ -1,5 +1,5 @@
 //! The nominal model: a planner simulates the robot of the file, whatever plant the rollout runs
-//! on.
+//! on. A planner that identifies the plant simulates its own estimate.
 
 use std::sync::Arc;
 
@@ -27,17 +27,21 @@ impl NominalModel {
         NominalModel::on(robot, robot.model())
     }
 
-    /// The same robot without contacts.
+    /// A model of the robot without contacts.
     ///
     /// # Errors
     /// As [`NominalModel::new`].
-    pub fn without_contacts(robot: &Arc<Robot>) -> Result<NominalModel, Error> {
-        let mut model = robot.model().duplicate()?;
+    pub fn without_contacts(robot: &Arc<Robot>, model: &Model) -> Result<NominalModel, Error> {
+        let mut model = model.duplicate()?;
         model.set_contacts(false);
         NominalModel::on(robot, &Arc::new(model))
     }
 
-    fn on(robot: &Arc<Robot>, model: &Arc<Model>) -> Result<NominalModel, Error> {
+    /// A simulation of a model of the robot.
+    ///
+    /// # Errors
+    /// As [`NominalModel::new`].
+    pub fn on(robot: &Arc<Robot>, model: &Arc<Model>) -> Result<NominalModel, Error> {
         let data = Data::new(model)?;
         let substeps = substeps(robot.model())?;
         Ok(NominalModel { robot: Arc::clone(robot), data, substeps })

@@ -10,7 +10,7 @@ use crate::window::COMMAND;
 /// The number of windows that contain a frame: as the current frame, and as each command frame.
 const WINDOWS: usize = COMMAND + 1;
 
-const OPTIONS: &str = "+guide, +smooth, +refine, +ilc, +sample, +masks or +ensemble=N";
+const OPTIONS: &str = "+guide, +smooth, +refine, +ilc, +sample, +masks, +gain or +ensemble=N";
 
 /// Reads `pd`, `pd+guide`, `zero+guide+refine`, `robert:runs/a+ensemble=3+sample+guide`.
 impl FromStr for PolicyConfig {
@@ -34,6 +34,8 @@ impl FromStr for PolicyConfig {
                 (rest, inference.sample) = (shorter, true);
             } else if let Some(shorter) = rest.strip_suffix("+masks") {
                 (rest, inference.masks) = (shorter, true);
+            } else if let Some(shorter) = rest.strip_suffix("+gain") {
+                (rest, inference.gain) = (shorter, true);
             } else if let Some((shorter, n)) = rest.rsplit_once("+ensemble=") {
                 let n = n.parse().ok().filter(|n| (1..=WINDOWS).contains(n));
                 let n = n.ok_or_else(|| wrong(format!("ensemble takes 1 to {WINDOWS}")))?;
@@ -55,7 +57,11 @@ impl FromStr for PolicyConfig {
             return Err(wrong(format!("there is no {path}, and +{other} is not {OPTIONS}")));
         }
         let name: PolicyName = name.parse()?;
-        if inference != Inference::default() && name != PolicyName::Robert {
+        if inference.gain && name != PolicyName::Ridge {
+            return Err(wrong("+gain is only for ridge".to_owned()));
+        }
+        let own = Inference { gain: false, ..inference };
+        if own != Inference::default() && name != PolicyName::Robert {
             return Err(wrong("+sample, +masks and +ensemble=N are only for robert".to_owned()));
         }
         let model_path = model.map(Into::into);

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::sync::Arc;
 
+use super::adaptive_computed_torque::AdaptiveComputedTorque;
 use super::computed_torque::ComputedTorque;
 use super::error::Error;
 use super::fitted::FitKind;
@@ -35,6 +36,8 @@ pub enum PolicyName {
     Pd,
     /// Inverse dynamics of the true model.
     ComputedTorque,
+    /// Inverse dynamics of a model whose mass, damping and motor strength are identified.
+    AdaptiveComputedTorque,
     /// Receding-horizon iLQR on the true model.
     Ilqr,
     /// Predictive sampling on the true model.
@@ -52,7 +55,7 @@ pub enum PolicyName {
 }
 
 /// The name to type for each policy, its argument and a description, in the order of tables.
-const NAMES: [(PolicyName, &str, &str, &str); 10] = {
+const NAMES: [(PolicyName, &str, &str, &str); 11] = {
     use PolicyName as P;
     [
         (
@@ -64,6 +67,12 @@ const NAMES: [(PolicyName, &str, &str, &str); 10] = {
         (P::Zero, "zero", "", "no torque"),
         (P::Pd, "pd", "", "proportional-derivative control, joint by joint"),
         (P::ComputedTorque, "computed-torque", "", "inverse dynamics of the robot's model"),
+        (
+            P::AdaptiveComputedTorque,
+            "adaptive-computed-torque",
+            "",
+            "the same; infers mass, damping and motor strength from the past motion",
+        ),
         (P::Ilqr, "ilqr", "", "receding-horizon optimal control on the model"),
         (P::PredictiveSampling, "predictive-sampling", "", "random search about pd, on the model"),
         (
@@ -96,6 +105,9 @@ impl PolicyName {
             PolicyName::Zero => "seeing what gravity alone does",
             PolicyName::Pd => "slow motion with a goal in every frame",
             PolicyName::ComputedTorque => "an accurate robot model and goals close together",
+            PolicyName::AdaptiveComputedTorque => {
+                "a robot model whose mass, damping or motor strength is wrong"
+            }
             PolicyName::Ilqr => "an accurate robot model and goals far apart (slow)",
             PolicyName::PredictiveSampling => "an accurate robot model and contact (slow)",
             PolicyName::Robert => "goals far apart, little damping, an inaccurate robot model",
@@ -180,6 +192,7 @@ pub fn offers(robot: &Robot) -> Vec<Offer> {
             name,
             PolicyName::Auto
                 | PolicyName::ComputedTorque
+                | PolicyName::AdaptiveComputedTorque
                 | PolicyName::Ilqr
                 | PolicyName::PredictiveSampling
         ),
@@ -282,13 +295,16 @@ pub struct Inference {
     pub sample: bool,
     /// Leave masked frames to the network, even if its file contains data to fill gaps.
     pub masks: bool,
+    /// Scale the linear prediction by the ratio of applied to predicted actions in the past; for
+    /// `ridge`.
+    pub gain: bool,
     /// Threads that share one window; the action is the same to the last bit.
     pub threads: Threads,
 }
 
 impl Default for Inference {
     fn default() -> Self {
-        Inference { ensemble: 1, sample: false, masks: false, threads: Threads::One }
+        Inference { ensemble: 1, sample: false, masks: false, gain: false, threads: Threads::One }
     }
 }
 
@@ -393,12 +409,13 @@ impl PolicyConfig {
         let guide = self.guide.suffix();
         let ilc = if self.ilc { "+ilc" } else { "" };
         let refine = if self.refine { "+refine" } else { "" };
-        let Inference { ensemble, sample, masks, .. } = self.inference;
+        let Inference { ensemble, sample, masks, gain, .. } = self.inference;
         let sample = if sample { "+sample" } else { "" };
         let masks = if masks { "+masks" } else { "" };
+        let gain = if gain { "+gain" } else { "" };
         let ensemble = if ensemble > 1 { format!("+ensemble={ensemble}") } else { String::new() };
         let model = model.map(|m| format!(":{m}")).unwrap_or_default();
-        format!("{}{model}{sample}{masks}{ensemble}{guide}{refine}{ilc}", self.name.as_str())
+        format!("{}{model}{sample}{masks}{gain}{ensemble}{guide}{refine}{ilc}", self.name.as_str())
     }
 
     /// The default policy of a robot: the one that its folder names, else its shipped model, else
@@ -514,13 +531,14 @@ impl PolicyConfig {
             PolicyName::Zero => Box::new(Zero),
             PolicyName::Pd => Box::new(Pd::new(robot)?),
             PolicyName::ComputedTorque => Box::new(ComputedTorque::new(robot)?),
+            PolicyName::AdaptiveComputedTorque => Box::new(AdaptiveComputedTorque::new(robot)?),
             PolicyName::Ilqr => Box::new(Ilqr::new(robot, &IlqrConfig::for_robot(robot))?),
             PolicyName::PredictiveSampling => {
                 Box::new(PredictiveSampling::new(robot, &SamplingConfig::for_robot(robot))?)
             }
             PolicyName::Robert => {
                 let model = Arc::unwrap_or_clone(self.model(robot)?);
-                let Inference { ensemble, sample, masks, threads } = self.inference;
+                let Inference { ensemble, sample, masks, threads, .. } = self.inference;
                 let options = robert_net::NetPolicyConfig {
                     ensemble,
                     sample_bins: sample,
@@ -531,7 +549,8 @@ impl PolicyConfig {
             }
             PolicyName::Ridge => {
                 let model = self.model(robot)?;
-                Box::new(Linear::new(model.encoder.clone())?.with_card(&model.card))
+                let linear = Linear::new(model.encoder.clone())?.with_card(&model.card);
+                Box::new(linear.with_gain(self.inference.gain))
             }
             PolicyName::Nearest => {
                 Box::new(Nearest::open(self.needed_path()?, &learned::robot_card(robot))?)

@@ -19,6 +19,8 @@ use robert_rollout::{FitCard, FitKind, Inverse, InverseSettings, Linear, Nearest
 const MEASURED: u64 = 256;
 /// Numbers of hidden frames before the next visible one for which it is measured.
 pub const HIDDEN: [usize; 3] = [0, 4, 16];
+/// Draws of a frame without self-contact before one with contact is taken.
+const DRAWS: usize = 16;
 /// Steps between checks of the time and of the stop request.
 const REPORT_EVERY: u64 = 100;
 
@@ -115,7 +117,10 @@ pub fn mlp_inverse(
         for i in 0..b {
             let mut rng = Rng::new(seed, Stream::Fit, step * b as u64 + i as u64);
             let &(e, n) = &episodes[rng.below(episodes.len() as u64) as usize];
-            let t = 1 + rng.below(n - 2) as usize;
+            // In self-contact the torque presses one link against another instead of moving it.
+            let mut draws = (0..DRAWS).map(|_| 1 + rng.below(n - 2) as usize);
+            let free = draws.find(|&t| !side.in_contact(e, t));
+            let t = free.unwrap_or_else(|| 1 + rng.below(n - 2) as usize);
             let q = |t: usize| &side.states(e)[t * s..(t + 1) * s];
             policy.encode(q(t - 1), q(t), q(t + 1), &mut x[i * 3 * s..(i + 1) * 3 * s]);
             y[i * a..(i + 1) * a].copy_from_slice(&side.actions(e)[t * a..(t + 1) * a]);

@@ -62,13 +62,13 @@ fn the_puck_holds_its_gates() {
 }
 
 #[test]
-fn the_hand_holds_its_gate_on_clip_files() {
+fn the_hand_holds_its_gate_on_a_task_and_a_clip_file() {
     let clip = |name: &str| {
         format!("{}/assets/clips/shadow_hand/{name}.clip.json", env!("CARGO_MANIFEST_DIR"))
     };
     let ran = robert()
         .args(["eval", "--policy", "pd", "--max-precision", "0.04", "--json", "-q"])
-        .args(["--suite".to_owned(), clip("rsp"), clip("piano")])
+        .args(["--suite".to_owned(), "shadow_hand/rsp".to_owned(), clip("piano")])
         .succeeds();
     let report = ran.json();
     assert_eq!(
