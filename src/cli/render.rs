@@ -171,11 +171,6 @@ impl Plan {
         if film.is_some() && args.strip.is_some() {
             return Err(Failure::usage("a strip is one picture: use the suffix .png or .jpg"));
         }
-        if args.strip.is_some() && args.frames.is_some() {
-            return Err(Failure::usage(
-                "--strip chooses its own frames: leave out --frames, which makes a strip of these frames",
-            ));
-        }
         if let Some(n) = args.strip
             && !(1..=STRIP).contains(&n)
         {
