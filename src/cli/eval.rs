@@ -373,10 +373,8 @@ fn cut_suites(args: &Args, robot: &Robot) -> Outcome<Vec<Suite>> {
         return Err(Failure::usage("the suite test needs recorded motion: give --data DIR"));
     };
     let data = Dataset::open(path, Verify::Structure)?;
-    // The numbers of the paper.
-    let arm = robot.id().starts_with("ur5e");
-    let count = args.cases.unwrap_or(if arm { 30 } else { 6 });
-    Ok(test_suites(robot, &data, usize::from(count), args.data_seed)?)
+    let count = args.cases.map_or_else(|| rollout::extracted_cases(robot.id()), usize::from);
+    Ok(test_suites(robot, &data, count, args.data_seed)?)
 }
 
 /// The clips of a folder, by name.

@@ -78,8 +78,10 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         return Err(e.into());
     }
     let threads = super::global::threads(args.threads);
-    let mut evaluator =
-        SuiteEvaluator::new(Arc::clone(&robot), threads).map_err(Failure::invalid)?;
+    let selecting = |e: SuiteEvaluator| e.selecting(cfg.select, &data, cfg.seed);
+    let mut evaluator = SuiteEvaluator::new(Arc::clone(&robot), threads)
+        .and_then(|e| e.map(selecting).transpose())
+        .map_err(Failure::invalid)?;
     let mut perform = Simulated { robot: Arc::clone(&robot), threads };
     let bar = Bar::new("train", "steps", global.quiet);
     let cancel = cancel_on_ctrl_c();

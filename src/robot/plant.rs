@@ -41,6 +41,7 @@ impl Default for PlantConfig {
     }
 }
 
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde asks so")]
 fn is_zero(x: &f64) -> bool {
     *x == 0.0
 }

@@ -16,6 +16,11 @@ use robert_robot::Robot;
 /// Commands of a task.
 pub const EXTRACTED_FRAMES: usize = 80;
 
+/// Tasks of a suite, by robot, as many as in the paper.
+pub fn extracted_cases(robot: &str) -> usize {
+    if robot.starts_with("ur5e") { 30 } else { 6 }
+}
+
 /// States of a task.
 const STATES: usize = HISTORY + 1 + EXTRACTED_FRAMES;
 

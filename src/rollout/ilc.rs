@@ -19,6 +19,8 @@ pub(super) const LONGEST: usize = 6000;
 const GAIN: f64 = 0.6;
 /// Factor of the gain after a pass in which the joint became worse.
 const TURN: f64 = -0.3;
+/// Frames that learn together: what is missed in one second says little about the next.
+const SECOND: usize = 20;
 /// The farthest that a goal moves, rad or m.
 const FARTHEST: f64 = 0.2;
 
@@ -27,47 +29,87 @@ const FARTHEST: f64 = 0.2;
 struct Correction {
     /// The correction of the next pass; (frames, S).
     shift: Vec<f64>,
-    /// By joint, the best correction so far, the errors it left, and their sum; (frames, S), (S).
+    /// The best correction so far, and the errors it left; (frames, S).
     best: Vec<f64>,
     missed: Vec<f64>,
+    /// The sum of these errors, and the next step, of each second of each joint; (seconds, S).
     least: Vec<f64>,
-    gain: Vec<f64>,
+    step: Vec<Step>,
+}
+
+/// How far a second of a joint moves towards what was missed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Step {
+    /// By [`GAIN`], frame by frame.
+    Each,
+    /// By this gain, with what was missed smoothed over three frames.
+    Smooth(f64),
+}
+
+impl Step {
+    /// The step after one that made the joint worse.
+    fn other(self) -> Step {
+        match self {
+            // A joint with little damping cannot follow goals that go to and fro.
+            Step::Each => Step::Smooth(GAIN),
+            Step::Smooth(gain) => Step::Smooth(TURN * gain),
+        }
+    }
 }
 
 impl Correction {
     fn new(plan: &Goals) -> Correction {
         let zero = vec![0.0; plan.frames() * plan.dim()];
+        let seconds = plan.frames().div_ceil(SECOND) * plan.dim();
         Correction {
             shift: zero.clone(),
             best: zero.clone(),
             missed: zero,
-            least: vec![f64::INFINITY; plan.dim()],
-            gain: vec![GAIN; plan.dim()],
+            least: vec![f64::INFINITY; seconds],
+            step: vec![Step::Each; seconds],
         }
     }
 
     /// Learns from a pass with the present correction; `reached` is (frames, S).
     fn learn(&mut self, plan: &Goals, reached: &[f64]) {
         let d = plan.dim();
-        for j in 0..d {
-            let seen = || (1..plan.frames()).filter(|&f| plan.is_visible(f, j));
+        for (at, (least, step)) in self.least.iter_mut().zip(&mut self.step).enumerate() {
+            let (second, j) = (at / d, at % d);
+            let frames = (second * SECOND).max(1)..((second + 1) * SECOND).min(plan.frames());
+            let seen = || frames.clone().filter(|&f| plan.is_visible(f, j));
             let error = |f: usize| plan.row(f)[j] - reached[f * d + j];
             let sum = seen().map(|f| error(f).abs()).sum();
-            if sum <= self.least[j] {
-                self.least[j] = sum;
+            if sum <= *least {
+                *least = sum;
                 for f in seen() {
                     let i = f * d + j;
                     (self.best[i], self.missed[i]) = (self.shift[i], error(f));
                 }
             } else {
-                self.gain[j] *= TURN;
-            }
-            for f in seen() {
-                let i = f * d + j;
-                let moved = self.best[i] + self.gain[j] * self.missed[i];
-                self.shift[i] = moved.clamp(-FARTHEST, FARTHEST);
+                *step = step.other();
             }
         }
+        for j in 0..d {
+            for f in (1..plan.frames()).filter(|&f| plan.is_visible(f, j)) {
+                let i = f * d + j;
+                let moved = match self.step[f / SECOND * d + j] {
+                    Step::Each => GAIN * self.missed[i],
+                    Step::Smooth(gain) => gain * self.smooth(plan, f, j),
+                };
+                self.shift[i] = (self.best[i] + moved).clamp(-FARTHEST, FARTHEST);
+            }
+        }
+    }
+
+    /// What was missed at a goal, with the frames before and after it.
+    fn smooth(&self, plan: &Goals, f: usize, j: usize) -> f64 {
+        let i = f * plan.dim() + j;
+        let inside = f + 1 < plan.frames();
+        if !(inside && plan.is_visible(f - 1, j) && plan.is_visible(f + 1, j)) {
+            return self.missed[i];
+        }
+        let (before, after) = (self.missed[i - plan.dim()], self.missed[i + plan.dim()]);
+        0.5 * self.missed[i] + 0.25 * (before + after)
     }
 }
 

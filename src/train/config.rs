@@ -97,8 +97,24 @@ pub struct TrainConfig {
     /// inputs. See [`super::penalty`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ridge_penalty: Option<f64>,
+    /// The tasks that choose the best checkpoint.
+    #[serde(default)]
+    pub select: Select,
     /// Seed of all random choices: weights, batches, masks, split.
     pub seed: u64,
+}
+
+/// The tasks whose mean Precision chooses the best checkpoint.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Select {
+    /// The suites `manual` and `extra`, with equal weights.
+    #[default]
+    Tasks,
+    /// As in the paper: the suite `manual` merged with tasks extracted from the held-out part of the
+    /// data, of which a third has a quarter and a third half of its frames hidden. All tasks have
+    /// equal weights.
+    Extracted,
 }
 
 /// The target of frames in self-contact, where torque presses instead of moving.
@@ -147,6 +163,7 @@ impl Default for TrainConfig {
             contact_target: ContactTarget::Action,
             reach: true,
             ridge_penalty: None,
+            select: Select::Tasks,
             seed: 0,
         }
     }
@@ -198,6 +215,7 @@ impl TrainConfig {
             stop_weight: 1.0,
             contact_weight: 1.0,
             contact_target: ContactTarget::Action,
+            select: Select::Extracted,
             ..Self::default()
         };
         let cfg = match name {

@@ -1,4 +1,5 @@
-//! Selects checkpoints by rollouts of shipped suites of keyframe tasks.
+//! Selects checkpoints by rollouts of keyframe tasks: shipped ones, or as in the paper also tasks
+//! that are extracted from held-out motion.
 //!
 //! The action loss is misleading: with hidden frames, networks with a lower loss were many times
 //! worse in control. So the best checkpoint is the one with the best closed-loop Precision.
@@ -6,31 +7,44 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::{Evaluate, Evaluation};
+use super::{Evaluate, Evaluation, Select};
 use robert_base::progress::Cancel;
 use robert_clip::{self as clip, Command};
+use robert_dataset::Dataset;
 use robert_linalg::{next_of, on_threads};
 use robert_net::{Model, NetPolicyConfig};
 use robert_robot::Robot;
-use robert_rollout::{Learned, Linear, Policy, Rollout, RolloutConfig, Start, tasks};
+use robert_rollout::{
+    Learned, Linear, Policy, Rollout, RolloutConfig, Start, extracted_cases, tasks, test_suites,
+};
 
 /// Suites that count for the selection; the others are for the report.
 const SUITES: [&str; 2] = ["manual", "extra"];
 /// Error of a rollout that diverged, rad or m.
 const BROKEN: f64 = 10.0;
 
-/// Evaluates on shipped tasks.
+/// Evaluates on tasks.
 pub struct SuiteEvaluator {
     robot: Arc<Robot>,
     cases: Vec<Case>,
+    select: Select,
     threads: usize,
 }
 
 #[derive(Debug)]
 struct Case {
-    suite: &'static str,
+    suite: String,
     name: String,
     command: Command,
+    start: Start,
+}
+
+impl Case {
+    fn new(suite: &str, name: &str, clip: &clip::Clip) -> Result<Case, String> {
+        let command = clip::compile(clip).map_err(|e| format!("{name}: {e}"))?;
+        let (suite, name) = (suite.to_owned(), name.to_owned());
+        Ok(Case { suite, name, command, start: Start::Pose })
+    }
 }
 
 impl std::fmt::Debug for SuiteEvaluator {
@@ -49,19 +63,40 @@ impl SuiteEvaluator {
         for suite in SUITES {
             let Ok(clips) = tasks::suite(robot.id(), suite) else { continue };
             for (name, clip) in clips {
-                let command = clip::compile(&clip).map_err(|e| format!("{name}: {e}"))?;
-                cases.push(Case { suite, name, command });
+                cases.push(Case::new(suite, &name, &clip)?);
             }
         }
         if cases.is_empty() {
             // A robot without its own tasks is evaluated on trial clips.
             for task in tasks::trial(&robot, 0).map_err(|e| e.to_string())? {
-                let command =
-                    clip::compile(&task.clip).map_err(|e| format!("{}: {e}", task.name))?;
-                cases.push(Case { suite: task.suite, name: task.name.to_owned(), command });
+                cases.push(Case::new(task.suite, task.name, &task.clip)?);
             }
         }
-        Ok((!cases.is_empty()).then_some(SuiteEvaluator { robot, cases, threads }))
+        let select = Select::Tasks;
+        Ok((!cases.is_empty()).then_some(SuiteEvaluator { robot, cases, select, threads }))
+    }
+
+    /// The tasks that a run selects by: with [`Select::Extracted`] the suite `manual`, or else the
+    /// trial clips, and tasks extracted from the held-out part of `data`, drawn by `seed`.
+    ///
+    /// # Errors
+    /// A message, when the data have no held-out trajectory that is long enough.
+    pub fn selecting(mut self, select: Select, data: &Dataset, seed: u64) -> Result<Self, String> {
+        self.select = select;
+        if select == Select::Extracted {
+            self.cases.retain(|c| c.suite != "extra");
+            let count = extracted_cases(self.robot.id());
+            let suites = test_suites(&self.robot, data, count, seed).map_err(|e| e.to_string())?;
+            for suite in suites {
+                self.cases.extend(suite.cases.into_iter().map(|case| Case {
+                    suite: suite.name.clone(),
+                    name: case.name,
+                    command: case.command,
+                    start: case.start,
+                }));
+            }
+        }
+        Ok(self)
     }
 }
 
@@ -105,13 +140,16 @@ impl SuiteEvaluator {
         let mut all = BTreeMap::new();
         for (case, result) in self.cases.iter().zip(found) {
             let precision = result?;
-            suites.entry(case.suite.to_owned()).or_default().push(precision);
+            suites.entry(case.suite.clone()).or_default().push(precision);
             all.insert(format!("{}/{}", case.suite, case.name), precision);
         }
         let mean = |x: &[f64]| x.iter().sum::<f64>() / x.len().max(1) as f64;
-        let means: Vec<f64> = suites.values().map(|x| mean(x)).collect();
+        let parts: Vec<f64> = match self.select {
+            Select::Tasks => suites.values().map(|x| mean(x)).collect(),
+            Select::Extracted => suites.values().flatten().copied().collect(),
+        };
         all.extend(suites.iter().map(|(name, x)| (name.clone(), mean(x))));
-        Ok(Some(Evaluation { precision: mean(&means), suites: all }))
+        Ok(Some(Evaluation { precision: mean(&parts), suites: all }))
     }
 
     /// Precision of one task; meaningless after a stop.
@@ -122,8 +160,7 @@ impl SuiteEvaluator {
         cancel: &Cancel,
     ) -> Result<f64, String> {
         let text = |e: robert_rollout::Error| format!("{}: {e}", case.name);
-        let start = Start::Pose;
-        let config = RolloutConfig::default();
+        let (start, config) = (case.start.clone(), RolloutConfig::default());
         let mut rollout = Rollout::new(&self.robot, Box::new(policy), &case.command, start, config)
             .map_err(text)?;
         while !rollout.is_done() && !cancel.is_cancelled() {
@@ -153,5 +190,20 @@ mod tests {
         assert!((network.precision - linear.precision).abs() < 1e-6, "{network:?} {linear:?}");
         cancel.cancel();
         assert_eq!(evaluator.evaluate(&model, &cancel), Ok(None));
+    }
+
+    #[test]
+    fn the_papers_selection_merges_manual_and_extracted_tasks() {
+        let dir = tempfile::tempdir().unwrap();
+        let (robot, data, model) = untrained("pointmass", 0, dir.path());
+        let evaluator = SuiteEvaluator::new(robot, 2).unwrap().unwrap();
+        let mut evaluator = evaluator.selecting(Select::Extracted, &data, 0).unwrap();
+        let found = evaluator.evaluate(&model, &Cancel::default()).unwrap().unwrap();
+        let tasks: Vec<f64> =
+            found.suites.iter().filter(|(k, _)| k.contains('/')).map(|(_, x)| *x).collect();
+        // Fifteen shapes, and three times six extracted tasks.
+        assert_eq!(tasks.len(), 33, "{:?}", found.suites.keys());
+        let mean = tasks.iter().sum::<f64>() / 33.0;
+        assert!((found.precision - mean).abs() < 1e-12, "{} {mean}", found.precision);
     }
 }
