@@ -53,7 +53,7 @@ class Record:
             values = whole["floor"]
         elif figure == "excess":
             floor, own = (self.figure(f, suite, policy, task) for f in ("floor", "precision"))
-            return None if floor is None or floor < 1e-6 else own / floor - 1
+            return None if floor is None or floor < 1e-5 else own / floor - 1
         elif figure in FIGURES:
             at = FIGURES.index(figure)
             values = [row[at] for row in found["tasks"]]

@@ -28,6 +28,9 @@ use crate::rollout::{
     mean_ci95, tasks, test_suites,
 };
 
+/// The name of the suite of single files and tasks.
+const FILES: &str = "files";
+
 /// Rollouts at once with a card, unless --threads says otherwise.
 const AT_ONCE: usize = 64;
 
@@ -297,7 +300,7 @@ fn suites(args: &Args) -> Outcome<(Arc<Robot>, Vec<Suite>)> {
         }
     }
     if !files.is_empty() {
-        named.push(("files".to_owned(), Source::Clips(files)));
+        named.push((FILES.to_owned(), Source::Clips(files)));
     }
     let of_clips = named.iter().find_map(|(_, s)| match s {
         Source::Clips(clips) => clips.first().map(|(_, c)| c.robot.id.clone()),
@@ -358,7 +361,8 @@ fn one_robot(name: &str, source: &Source, robot: &str) -> Outcome {
     robots.dedup();
     match (&robots[..], clips.iter().find(|c| of(c) != robot)) {
         ([_, _, ..], Some(other)) => Err(Failure::invalid(format!(
-            "{name} has clips for {}, such as {} for {}: evaluate those of each robot alone",
+            "{} for {}, such as {} for {}: evaluate those of each robot alone",
+            if name == FILES { "the clips are".to_owned() } else { format!("{name} has clips") },
             robots.join(", "),
             other.0,
             other.1.robot.id

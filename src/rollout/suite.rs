@@ -78,7 +78,8 @@ pub struct CaseResult {
     pub ci95: Option<f64>,
     /// Precision of iLQR on the same clip and the nominal plant; `None` if unknown.
     pub floor: Option<f64>,
-    /// (Precision - floor) / floor; `None` also if the floor is below a millionth.
+    /// (Precision - floor) / floor; `None` also if the floor is below a hundred-thousandth, which
+    /// nobody can see.
     pub excess: Option<f64>,
     /// Error over the frames at which the command moves.
     pub moving: Option<f64>,
@@ -96,7 +97,10 @@ pub struct CaseResult {
     pub frames_late: Option<f64>,
     /// Mean change of action per frame.
     pub mean_abs_du: f64,
-    /// Wall time of one rollout, seconds.
+    /// The policy that `auto` chose, first seed; `None` for other policies.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub chosen: Option<String>,
+    /// Wall time of one rollout, seconds; for `auto` with all that it tried.
     pub wall_secs: f64,
     /// Control steps of one rollout.
     pub frames: usize,
@@ -141,9 +145,12 @@ impl CaseResult {
     }
 }
 
+/// The smallest floor of which an excess is a share, rad or m.
+const LEAST_FLOOR: f64 = 1e-5;
+
 /// The excess relative to the floor; `None` if the floor is almost zero.
 fn excess(precision: Option<f64>, floor: f64) -> Option<f64> {
-    precision.filter(|_| floor > 1e-6).map(|p| (p - floor) / floor)
+    precision.filter(|_| floor > LEAST_FLOOR).map(|p| (p - floor) / floor)
 }
 
 /// One policy over a suite.
@@ -198,7 +205,7 @@ impl Template {
         }
     }
 
-    /// The rollout of a case at its beginning.
+    /// The rollout of a case at its beginning, and the policy that was chosen for it, if any was.
     fn rollout(
         &self,
         robot: &Arc<Robot>,
@@ -206,18 +213,19 @@ impl Template {
         case: &Case,
         (seed, plant): (u64, PlantConfig),
         cancel: &Cancel,
-    ) -> Result<Rollout, Error> {
+    ) -> Result<(Rollout, Option<String>), Error> {
         let (command, start) = (&case.command, &case.start);
         match self {
             Template::One(policy) => {
                 let forked = policy.lock().unwrap_or_else(PoisonError::into_inner).fork();
                 let policy = forked.map_or_else(|| asked.build(robot), Ok)?;
                 let config = RolloutConfig { seed, guide: asked.guide, plant };
-                Rollout::new(robot, policy, command, start.clone(), config)
+                Ok((Rollout::new(robot, policy, command, start.clone(), config)?, None))
             }
             Template::Auto(all) => {
                 let chosen = all.perform(command, start, seed, 1, &Silent, cancel)?;
-                chosen.again(command, start, seed, plant)
+                let label = chosen.policy.label();
+                Ok((chosen.again(command, start, seed, plant)?, Some(label)))
             }
         }
     }
@@ -351,10 +359,13 @@ fn all(
             let case = &suites[job.suite].cases[job.case];
             let policy = &config.policies[job.policy];
             let drawn = (job.seed, config.plant.draw(job.seed));
-            let outcome = templates[job.policy]
+            let begin = std::time::Instant::now();
+            let (mut outcome, chosen) = templates[job.policy]
                 .rollout(robot, policy, case, drawn, cancel)
-                .and_then(|rollout| one(rollout, case, &[cancel, &stop]))
+                .and_then(|(rollout, chosen)| Ok((one(rollout, case, &[cancel, &stop])?, chosen)))
                 .inspect_err(|_| stop.cancel())?;
+            outcome.wall_secs = begin.elapsed().as_secs_f64();
+            outcome.chosen = chosen;
             mine.push((at, outcome));
             let n = done.fetch_add(1, Ordering::Relaxed) + 1;
             let note = format!("{} {}", labels[job.policy], case.name);
@@ -406,12 +417,12 @@ struct Outcome {
     off: Vec<Off>,
     far: Vec<Off>,
     error: Option<String>,
+    chosen: Option<String>,
     wall_secs: f64,
     frames: usize,
 }
 
 fn one(mut rollout: Rollout, case: &Case, stops: &[&Cancel]) -> Result<Outcome, Error> {
-    let begin = std::time::Instant::now();
     let result = loop {
         if stops.iter().any(|c| c.is_cancelled()) {
             break Err(Error::Cancelled { frame: rollout.frame() });
@@ -422,8 +433,7 @@ fn one(mut rollout: Rollout, case: &Case, stops: &[&Cancel]) -> Result<Outcome, 
             Err(e) => break Err(e),
         }
     };
-    let wall_secs = begin.elapsed().as_secs_f64();
-    let mut outcome = Outcome { wall_secs, frames: rollout.frame(), ..Outcome::default() };
+    let mut outcome = Outcome { frames: rollout.frame(), ..Outcome::default() };
     match result {
         Ok(()) => {
             measure(&rollout, case, &mut outcome);
@@ -480,6 +490,7 @@ fn summarise(case: &Case, outcomes: &[Outcome]) -> CaseResult {
         hold_end: mean(&|p| p.hold_end).map(|i| i.mean),
         frames_late: mean(&|p| p.frames_late).map(|i| i.mean),
         mean_abs_du: mean(&|p| Some(p.mean_abs_du)).map_or(0.0, |i| i.mean),
+        chosen: outcomes.first().and_then(|o| o.chosen.clone()),
         wall_secs: outcomes.iter().map(|o| o.wall_secs).sum::<f64>() / outcomes.len().max(1) as f64,
         frames: outcomes.first().map_or(0, |o| o.frames),
         error: failed,

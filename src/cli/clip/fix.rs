@@ -1,13 +1,18 @@
 //! `robert clip check --fix`: applies the first fix of each finding and reports the changes.
 
+use std::cmp::Ordering;
+
 use serde::Serialize;
 
 use super::super::failure::{Failure, Outcome};
 use super::simulate::Simulation;
-use crate::clip::{Clip, Command, JointTable, Level, Lint, Rule, compile_for, edited, lint};
+use crate::clip::{Clip, Command, Fix, JointTable, Level, Lint, Rule, compile_for, edited, lint};
 
 /// The most fixes to apply. Each removes a finding, and some lead to another one.
 const FIXES: usize = 1000;
+
+/// The most fixes that change nothing for the better, after each of which others are tried.
+const PAIRS: usize = 6;
 
 /// The most kinds of fixes that the report names one by one.
 const SAID: usize = 12;
@@ -43,8 +48,10 @@ impl Fixed {
             1 => format!("    {title}"),
             n => format!("    {title} ({n} times)"),
         }));
-        if let Some(more @ 1..) = self.fixes.len().checked_sub(SAID) {
-            lines.push(format!("    and {more} others"));
+        match self.fixes.len().saturating_sub(SAID) {
+            0 => {}
+            1 => lines.push("    and one other".to_owned()),
+            more => lines.push(format!("    and {more} others")),
         }
         let secs = |frames: u32| f64::from(frames) / f64::from(crate::units::FPS);
         let [before, after] = self.length;
@@ -70,6 +77,13 @@ impl Fixed {
         }
         lines
     }
+}
+
+/// A clip after some fixes, and what is still wrong with it.
+struct Repaired {
+    titles: Vec<String>,
+    clip: Clip,
+    lints: Vec<Lint>,
 }
 
 /// Finds what is wrong with clips, with or without simulation.
@@ -102,10 +116,12 @@ impl Finder<'_> {
         for _ in 0..FIXES {
             left_out = None;
             let step = self.step(&clip, &lints, longest, &mut left_out)?;
-            let Some((title, next, found)) = step else { break };
-            match titles.iter_mut().find(|t| t.0 == title) {
-                Some(t) => t.1 += 1,
-                None => titles.push((title, 1)),
+            let Some(Repaired { titles: applied, clip: next, lints: found }) = step else { break };
+            for title in applied {
+                match titles.iter_mut().find(|t| t.0 == title) {
+                    Some(t) => t.1 += 1,
+                    None => titles.push((title, 1)),
+                }
             }
             (clip, lints) = (next, found);
         }
@@ -133,28 +149,59 @@ impl Finder<'_> {
     }
 
     /// The clip after the first fix that reduces the number of findings and keeps it within
-    /// `longest` frames. A longer one is `left_out`.
+    /// `longest` frames, or after two fixes that do so together. A longer one is `left_out`.
     fn step(
         &mut self,
         clip: &Clip,
         lints: &[Lint],
         longest: u32,
         left_out: &mut Option<String>,
-    ) -> Outcome<Option<(String, Clip, Vec<Lint>)>> {
-        let bad = lints.iter().filter(|l| l.level > Level::Info);
-        for fix in bad.flat_map(|l| &l.fixes) {
-            let Ok(next) = edited(clip, &fix.op, Some(self.table)) else { continue };
-            if next.length > longest {
-                left_out.get_or_insert(fix.title.clone());
-                continue;
+    ) -> Outcome<Option<Repaired>> {
+        let mut level = Vec::new();
+        for one in each(lints) {
+            let Some(next) = self.apply(clip, one, longest, left_out)? else { continue };
+            match weight(&next.lints).cmp(&weight(lints)) {
+                Ordering::Less => return Ok(Some(next)),
+                Ordering::Equal => level.push(next),
+                Ordering::Greater => {}
             }
-            let found = self.find(&next)?;
-            if weight(&found) < weight(lints) {
-                return Ok(Some((fix.title.clone(), next, found)));
+        }
+        // A pose that was stored may need another fix before it is right.
+        for first in level.into_iter().take(PAIRS) {
+            for second in each(&first.lints) {
+                let Some(mut next) = self.apply(&first.clip, second, longest, left_out)? else {
+                    continue;
+                };
+                if weight(&next.lints) < weight(lints) {
+                    next.titles.splice(0..0, first.titles);
+                    return Ok(Some(next));
+                }
             }
         }
         Ok(None)
     }
+
+    /// The clip after a fix; `None` if it cannot be applied, or makes the clip too long.
+    fn apply(
+        &mut self,
+        clip: &Clip,
+        fix: &Fix,
+        longest: u32,
+        left_out: &mut Option<String>,
+    ) -> Outcome<Option<Repaired>> {
+        let Ok(next) = edited(clip, &fix.op, Some(self.table)) else { return Ok(None) };
+        if next.length > longest {
+            left_out.get_or_insert(fix.title.clone());
+            return Ok(None);
+        }
+        let lints = self.find(&next)?;
+        Ok(Some(Repaired { titles: vec![fix.title.clone()], clip: next, lints }))
+    }
+}
+
+/// The fixes of all findings that are more than a remark.
+fn each(lints: &[Lint]) -> impl Iterator<Item = &Fix> {
+    lints.iter().filter(|l| l.level > Level::Info).flat_map(|l| &l.fixes)
 }
 
 /// The order in which findings count: first errors, then speeds, then the other warnings. Speed
