@@ -7,11 +7,13 @@ import shlex
 import tempfile
 
 from . import inputs, plan, robert
-from .record import FIGURES, ROOT, Record, short
+from .record import FIGURES, ROOT, Record, load, short
 
 
-def run(name, commit=None, say=print):
-    """Measures one entry of the plan."""
+def run(name, commit=None, say=print, policies=None):
+    """Measures one entry of the plan; with `policies` only these columns of its record, again."""
+    if policies:
+        return again(name, policies, commit or robert.commit(), say)
     entry = plan.entry(name)
     prepare(entry, say)
     say(f"robert {entry['run']}")
@@ -23,6 +25,25 @@ def run(name, commit=None, say=print):
         found = record(name, entry, report, commit)
         found.data["curves"] = curves(pathlib.Path(folder) / "errors.csv", report, entry["curves"])
         return found
+
+
+def again(name, policies, commit, say):
+    """The record of an entry with some of its policies measured again by the program of today."""
+    entry = plan.entry(name)
+    asked = plan.option(entry["run"], "--policy")
+    if unknown := [p for p in policies if p not in asked.split(",")]:
+        raise plan.Unknown(f"{name} does not measure {', '.join(unknown)}")
+    part = {**entry, "run": entry["run"].replace(f"--policy {asked}", f"--policy {','.join(policies)}")}
+    prepare(entry, say)
+    say(f"robert {part['run']}")
+    found = evaluation(part, robert.report(part["run"]))
+    old = load(name)
+    if keys := inputs.stale(old):
+        raise plan.Unknown(f"{name} was measured with another {', '.join(keys)}: measure all of it")
+    for suite, figures_of in found["suites"].items():
+        old.data["suites"][suite]["policies"].update(figures_of["policies"])
+    old.data.setdefault("again", {}).update(dict.fromkeys(policies, commit))
+    return old
 
 
 def prepare(entry, say=print):

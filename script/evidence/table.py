@@ -164,7 +164,8 @@ def index(spec):
         data = found.data
         lines = [*data.get("make", []), data["command"]] if "command" in data else data["commands"]
         shown = "; ".join(f"`{line}`" for line in lines)
-        rows.append([f"[{found.name}]({found.name}.json)", data["why"], shown, f"`{data['commit']}`"])
+        commits = [f"`{data['commit']}`", *(f"{p}: `{c}`" for p, c in data.get("again", {}).items())]
+        rows.append([f"[{found.name}]({found.name}.json)", data["why"], shown, ", ".join(commits)])
     return markdown.table(["file", "what it says", "commands", "commit"], rows), []
 
 

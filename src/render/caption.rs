@@ -90,8 +90,9 @@ struct Row {
 /// The layout of all parts.
 #[derive(Debug, Default)]
 struct Plan {
-    px: f32,
     rows: Vec<Row>,
+    /// Height of the legend's letters, and its frame.
+    legend_px: f32,
     legend: Option<[f32; 4]>,
 }
 
@@ -110,7 +111,7 @@ impl Captioner {
             self.text(picture, &row.text, row.bold, row.px, at, INK);
         }
         if let Some(frame) = plan.legend {
-            self.legend(picture, &caption.legend, plan.px, frame);
+            self.legend(picture, &caption.legend, plan.legend_px, frame);
         }
     }
 
@@ -121,7 +122,9 @@ impl Captioner {
         let px = (height.min(0.75 * width) / 32.0).clamp(11.0, 64.0) * scale;
         let margin = (px * 0.8).round();
         let room = width - 2.0 * margin;
-        let mut plan = Plan { px, ..Plan::default() };
+        // Larger letters would hide what a strip shows.
+        let legend_px = px / scale;
+        let mut plan = Plan { legend_px, ..Plan::default() };
         let mut top = margin;
         // Thumbnails are too small for both.
         let small = width < SMALL_PX || height < 0.6 * SMALL_PX;
@@ -144,6 +147,7 @@ impl Captioner {
             }
         }
         if !caption.legend.is_empty() && !small {
+            let px = legend_px;
             let widest = caption.legend.iter().map(|k| self.width(&k.text, false, px));
             let w = widest.fold(0.0, f32::max) + px * (2.0 + 2.0 * PAD);
             let h = px * (STEP * caption.legend.len() as f32 + PAD);
@@ -313,7 +317,7 @@ mod tests {
                 .to_vec(),
             ..Caption::default()
         };
-        let size = |c: &Caption| Captioner::default().plan(640.0, 480.0, c).px;
+        let size = |c: &Caption| Captioner::default().plan(640.0, 480.0, c).rows[0].px;
         assert!(size(&Caption { large: true, ..caption.clone() }) > 1.4 * size(&caption));
         let sizes = [(640, 480), (360, 480), (300, 900), (200, 150), (160, 120), (64, 48), (8, 8)];
         for (w, h) in sizes.map(|(w, h)| (w as f32, h as f32)) {

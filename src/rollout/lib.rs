@@ -51,9 +51,7 @@ mod zero;
 pub use auto::{Chosen, Contenders, Trial};
 pub use clip_facts::{ClipFacts, Settler};
 pub use error::Error;
-pub use extracted_tasks::{
-    EXTRACTED_FRAMES, Masking, extract_task, extracted_cases, test_suites,
-};
+pub use extracted_tasks::{EXTRACTED_FRAMES, Masking, extract_task, extracted_cases, test_suites};
 pub use fitted::{FitCard, FitKind, card_of, facts, normaliser};
 pub use gaps::{GapFigures, Overshoot, Worst};
 pub use ilqr::{Ilqr, IlqrConfig};

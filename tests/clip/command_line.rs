@@ -204,6 +204,21 @@ fn a_length_below_zero_is_named() {
 }
 
 #[test]
+fn a_pose_in_degrees_is_recognised_and_read() {
+    let ran = new_arm();
+    let ops =
+        r#"{"op": "keys.add", "args": {"keys": [{"frame": 10, "q": [30, -70, 30, -60, 20]}]}}"#;
+    fs::write(ran.path("ops.json"), ops).unwrap();
+    assert_eq!(again(&ran, &["clip", "apply", "a.clip.json", "ops.json", "-i"]).0, 0);
+    let (_, out, _) = again(&ran, &["clip", "check", "a.clip.json"]);
+    assert!(out.contains("clips are in rad: are these degrees?"), "{out}");
+    let (_, out, _) = again(&ran, &["clip", "check", "--fix", "a.clip.json"]);
+    assert!(out.contains("Read the pose as degrees"), "{out}");
+    let clip = fs::read_to_string(ran.path("a.clip.json")).unwrap();
+    assert!(clip.contains("[0.523599, -1.22173, 0.523599, -1.047198, 0.349066]"), "{clip}");
+}
+
+#[test]
 fn every_command_has_examples() {
     for command in ["new", "check", "fmt", "info", "apply", "diff", "convert", "schema", "upgrade"]
     {

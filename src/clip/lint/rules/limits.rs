@@ -1,8 +1,13 @@
 //! Rule: values are inside the ranges of their joints.
 
 use crate::document::{Row, Start};
+use crate::joints::JointFacts;
 use crate::lint::finder::{Finder, Place, some_of};
 use crate::lint::finding::{Level, Lint, Rule};
+use robert_base::units::Unit;
+
+/// A little more than a turn, rad.
+const TURN: f64 = 6.5;
 
 impl Finder<'_> {
     pub(in crate::lint) fn limits(&mut self) {
@@ -36,16 +41,46 @@ impl Finder<'_> {
                 continue;
             }
             let first = out.first().map_or(0, |o| o.1);
+            let mut message = format!("{}: {}", place.who(), some_of(&words));
+            let mut fixes = place.fix("Clamp to the limits", &out);
+            let pose = facts.iter().zip(place.row).enumerate();
+            let turns = pose.filter_map(|(j, ((name, joint), value))| {
+                let joint = joint.filter(|joint| joint.unit == Unit::Rad)?;
+                Some((name.as_str(), j, joint, (*value)?))
+            });
+            if let Some(read) = degrees(turns) {
+                message.push_str("; clips are in rad: are these degrees?");
+                fixes.splice(0..0, place.fix("Read the pose as degrees", &read));
+            }
             self.push(Lint {
                 level: Level::Error,
                 rule: Rule::JointLimit,
-                message: format!("{}: {}", place.who(), some_of(&words)),
+                message,
                 frames: place.span(),
                 joints: out.iter().map(|o| o.0.to_owned()).collect(),
                 pointer: format!("{}/{first}", place.pointer),
-                fixes: place.fix("Clamp to the limits", &out),
+                fixes,
                 settled: None,
             });
         }
     }
+}
+
+/// The values of a pose's hinges in rad, if they look like degrees: two are beyond a turn, and as
+/// degrees all are possible.
+fn degrees<'a>(
+    turns: impl Iterator<Item = (&'a str, usize, &'a JointFacts, f64)>,
+) -> Option<Vec<(&'a str, usize, f64)>> {
+    let mut beyond = 0;
+    let mut read = Vec::new();
+    for (name, j, joint, degrees) in turns {
+        let [lo, hi] = joint.range.unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
+        let q = degrees.to_radians();
+        if q < lo - 1e-6 || q > hi + 1e-6 {
+            return None;
+        }
+        beyond += usize::from(degrees.abs() > TURN);
+        read.push((name, j, q));
+    }
+    (beyond >= 2).then_some(read)
 }
