@@ -29,19 +29,28 @@ def run(name, commit=None, say=print, policies=None):
 
 def again(name, policies, commit, say):
     """The record of an entry with some of its policies measured again by the program of today."""
-    entry = plan.entry(name)
+    entry, old = plan.entry(name), load(name)
     asked = plan.option(entry["run"], "--policy")
+    if entry.get("curves") or old.data["kind"] != "eval":
+        raise plan.Unknown(f"{name} is measured as a whole only")
+    if keys := inputs.stale(old):
+        raise plan.Unknown(f"{name} was measured with another {', '.join(keys)}: measure all of it")
     if unknown := [p for p in policies if p not in asked.split(",")]:
         raise plan.Unknown(f"{name} does not measure {', '.join(unknown)}")
     part = {**entry, "run": entry["run"].replace(f"--policy {asked}", f"--policy {','.join(policies)}")}
     prepare(entry, say)
     say(f"robert {part['run']}")
     found = evaluation(part, robert.report(part["run"]))
-    old = load(name)
-    if keys := inputs.stale(old):
-        raise plan.Unknown(f"{name} was measured with another {', '.join(keys)}: measure all of it")
-    for suite, figures_of in found["suites"].items():
-        old.data["suites"][suite]["policies"].update(figures_of["policies"])
+    same = ("plant", "seeds", "data", "robot")
+    if changed := [key for key in same if found[key] != old.data[key]]:
+        raise plan.Unknown(f"{name} was measured with another {', '.join(changed)}: measure all of it")
+    for suite, new in found["suites"].items():
+        known = old.data["suites"].get(suite, {"tasks": None})
+        if known["tasks"] != new["tasks"]:
+            raise plan.Unknown(f"{name} was measured on other tasks of {suite}: measure all of it")
+        known["policies"].update(new["policies"])
+    old.data["command"] = f"robert {entry['run']}"
+    old.data["inputs"].update(found["inputs"])
     old.data.setdefault("again", {}).update(dict.fromkeys(policies, commit))
     return old
 

@@ -347,7 +347,8 @@ fn task(name: &str, robot: Option<&str>) -> Outcome<Option<(String, Clip)>> {
     let short = name.rsplit('/').next().unwrap_or(name);
     match motion::clip(name, robot) {
         Ok(clip) => Ok(Some((short.to_owned(), clip))),
-        Err(e) if short != name => Err(e),
+        // A task was meant: it names a robot, or several robots have one of this name.
+        Err(e) if short != name || e.sentence().contains("ROBOT/NAME") => Err(e),
         Err(_) => Ok(None),
     }
 }

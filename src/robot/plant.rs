@@ -78,7 +78,9 @@ impl PlantConfig {
 /// The body that carries a payload, and the point in its frame, m.
 fn tool(robot: &Robot) -> (usize, [f64; 3]) {
     let model = robot.model();
-    if let Some(site) = robot.profile().ik_sites.first().and_then(|s| robot.site(s).ok()) {
+    let site = robot.profile().ik_sites.first().and_then(|s| robot.site(s).ok());
+    // What is fixed to the world carries nothing.
+    if let Some(site) = site.filter(|&s| model.site_bodyid()[s] != 0) {
         let at = std::array::from_fn(|i| model.site_pos()[3 * site + i]);
         return (model.site_bodyid()[site] as usize, at);
     }

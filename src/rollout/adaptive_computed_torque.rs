@@ -23,14 +23,16 @@ use robert_robot::{PlantConfig, Robot};
 const SPREAD: f64 = 0.3;
 /// How far a factor may drift in a frame; it keeps the filter awake.
 const DRIFT: f64 = 5e-4;
-/// Velocity error that no factor explains, as a share of the fastest joint's speed, and at least,
-/// rad/s or m/s.
+/// Velocity error that no factor explains, as a share of the fastest joint's speed.
 const NOISE: f64 = 0.02;
+/// The least such error, rad/s or m/s.
 const LEAST_NOISE: f64 = 1e-3;
 /// Distance of the simulations that measure gradients.
 const STEP: f64 = 0.05;
 /// The largest logarithm of a factor: a quarter or four times.
 const MOST: f64 = 1.386;
+/// Numbers of a memory before what is expected: factors, covariance, and factors of the models.
+const OWN: usize = 15;
 /// Change of a factor below which its model is not rebuilt.
 const SAME: f64 = 1e-3;
 
@@ -43,6 +45,8 @@ pub(super) struct AdaptiveComputedTorque {
     /// The velocities that the last action leads to, by the estimate and with each factor a step
     /// larger, (4, nv); empty if unknown.
     expected: Vec<f64>,
+    /// The state at which the last action began.
+    last: Option<Snapshot>,
     /// The factors of the models below.
     built: Vector3<f64>,
     law: ComputedTorque,
@@ -60,6 +64,7 @@ impl AdaptiveComputedTorque {
             factors,
             covariance: Matrix3::identity() * SPREAD.powi(2),
             expected: Vec::new(),
+            last: None,
             built: factors,
             law: ComputedTorque::new(robot)?,
             models: models(robot, &factors)?,
@@ -67,15 +72,18 @@ impl AdaptiveComputedTorque {
         })
     }
 
-    /// Learns from the reached velocities, (nv).
-    fn learn(&mut self, reached: &[f64]) {
+    /// Learns from the velocities of the reached state.
+    fn learn(&mut self, state: &Snapshot) -> Result<(), Error> {
+        let reached = &state.qvel;
         let nv = reached.len();
-        if self.expected.len() != 4 * nv {
-            return;
+        if self.expected.len() != 4 * nv || self.touches(state)? {
+            return Ok(());
         }
         let of = |k: usize| &self.expected[k * nv..(k + 1) * nv];
-        let surprise = DVector::from_fn(nv, |i, _| reached[i] - of(0)[i]);
         let gradient = DMatrix::from_fn(nv, 3, |i, k| (of(k + 1)[i] - of(0)[i]) / STEP);
+        // The models may be a little behind the estimate.
+        let ahead = &gradient * DVector::from_column_slice((self.factors - self.built).as_slice());
+        let surprise = DVector::from_fn(nv, |i, _| reached[i] - of(0)[i] - ahead[i]);
         let fastest = reached.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
         // After a good fit, only what no factor explains is left of the surprise.
         let left = surprise.norm() / (nv as f64).sqrt();
@@ -86,11 +94,20 @@ impl AdaptiveComputedTorque {
         let known = self.covariance.try_inverse().unwrap_or_else(Matrix3::identity)
             + Matrix3::from_fn(|r, c| information[(r, c)]);
         // Both terms are positive definite, so the sum has an inverse.
-        let Some(covariance) = known.try_inverse() else { return };
+        let Some(covariance) = known.try_inverse() else { return Ok(()) };
         self.covariance = covariance;
         let push = weighted * surprise;
         self.factors += covariance * Vector3::from_fn(|k, _| push[k]);
         self.factors.iter_mut().for_each(|f| *f = f.clamp(-MOST, MOST));
+        Ok(())
+    }
+
+    /// Whether links touch in this state; forces of contact hide those of the plant.
+    fn touches(&mut self, state: &Snapshot) -> Result<bool, Error> {
+        let data = &mut self.models[0].data;
+        data.restore(state)?;
+        data.forward()?;
+        Ok(data.touches_itself())
     }
 
     /// Rebuilds the models if the estimate has moved.
@@ -110,7 +127,6 @@ impl AdaptiveComputedTorque {
             model.data.restore(state)?;
             self.robot.apply_action(&mut model.data, action)?;
             let diverged = model.data.step(model.substeps).is_err();
-            // Where links touch, forces of contact hide those of the plant.
             if diverged || model.data.touches_itself() {
                 self.expected.clear();
                 return Ok(());
@@ -141,21 +157,27 @@ impl Policy for AdaptiveComputedTorque {
     }
 
     fn reset(&mut self, _seed: u64) {
-        self.factors = Vector3::zeros();
-        self.covariance = Matrix3::identity() * SPREAD.powi(2);
-        self.expected.clear();
+        let mut beginning = vec![0.0; OWN];
+        let covariance = Matrix3::<f64>::identity() * SPREAD.powi(2);
+        beginning[3..12].copy_from_slice(covariance.as_slice());
+        self.recall(&beginning);
     }
 
     fn act(&mut self, view: &View<'_>, action: &mut [f64]) -> Result<(), Error> {
-        self.learn(&view.state.qvel);
+        self.learn(view.state)?;
         self.rebuild()?;
         self.law.act(view, action)?;
+        self.last = Some(view.state.clone());
         self.expect(view.state, action)
     }
 
-    fn applied(&mut self, _action: &[f64]) {
+    fn applied(&mut self, action: &[f64]) {
         // The expectation was for another action.
-        self.expected.clear();
+        if let Some(last) = self.last.take()
+            && self.expect(&last, action).is_err()
+        {
+            self.expected.clear();
+        }
     }
 
     fn memory(&self) -> Vec<f64> {
@@ -164,7 +186,7 @@ impl Policy for AdaptiveComputedTorque {
     }
 
     fn recall(&mut self, memory: &[f64]) {
-        let (own, expected) = memory.split_at(15);
+        let (own, expected) = memory.split_at(OWN);
         self.factors = Vector3::from_column_slice(&own[..3]);
         self.covariance = Matrix3::from_column_slice(&own[3..12]);
         let built = Vector3::from_column_slice(&own[12..]);
@@ -227,9 +249,22 @@ mod tests {
         let whole = perform("pointmass/star", plant, policy());
         let (heart, star) = ("pointmass/heart", "pointmass/star");
         let mut changed = perform(heart, plant, policy());
-        let clip = tasks::find(star, None).unwrap();
-        changed.set_command(&compile(&clip).unwrap()).unwrap();
+        let command = |task| compile(&tasks::find(task, None).unwrap()).unwrap();
+        changed.set_command(&command(star)).unwrap();
         changed.run(&Cancel::default()).unwrap();
         assert_eq!(changed.actions(), whole.actions());
+        // Also from the start, with models of the motion before.
+        let star_command = command(star);
+        let q: Vec<f32> =
+            (0..star_command.frames()).flat_map(|f| star_command.row(f).to_vec()).collect();
+        let names = robot.joints().iter().map(|j| j.name.clone()).collect();
+        let seen = vec![true; q.len()];
+        let other = robert_clip::Command::from_dense(names, vec![0.1, -0.1], q, seen).unwrap();
+        changed.set_command(&other).unwrap();
+        changed.run(&Cancel::default()).unwrap();
+        let mut fresh = perform(star, plant, policy());
+        fresh.set_command(&other).unwrap();
+        fresh.run(&Cancel::default()).unwrap();
+        assert_eq!(changed.actions(), fresh.actions());
     }
 }

@@ -1,9 +1,11 @@
 //! Iterative learning control: performs a clip again and again, with goals moved by what was missed.
 //!
 //! After each pass the goals that the policy sees move by a share of the error, joint by joint and
-//! frame by frame (Arimoto 1984). A joint that became worse returns to its best correction and takes
-//! a smaller step in the opposite direction, because a joint that is blocked by touch is best left
-//! where it is, or moved away. The command stays as it is: errors are measured against it.
+//! frame by frame (Arimoto 1984). Each second of a joint learns by itself. Where it became worse, it
+//! returns to its best correction and takes smoothed steps, because a joint with little damping
+//! cannot follow goals that go to and fro; then smaller steps in the opposite direction, because a
+//! joint that is blocked by touch is best left where it is, or moved away. The command stays as it
+//! is: errors are measured against it.
 
 use super::error::Error;
 use super::gaps::{score, unnatural};
@@ -47,10 +49,9 @@ enum Step {
 }
 
 impl Step {
-    /// The step after one that made the joint worse.
+    /// The step after one that made this second of the joint worse.
     fn other(self) -> Step {
         match self {
-            // A joint with little damping cannot follow goals that go to and fro.
             Step::Each => Step::Smooth(GAIN),
             Step::Smooth(gain) => Step::Smooth(TURN * gain),
         }
@@ -258,9 +259,12 @@ mod tests {
         let mut correction = Correction::new(&plan);
         correction.learn(&plan, &[0.0, 0.9, 0.9]);
         assert!(correction.shift.iter().zip([0.0, 0.06, 0.06]).all(|(a, b)| (a - b).abs() < 1e-12));
-        // The joint is pushed back: away from the best correction, which was none.
+        // The joint is pushed back: smoothed steps from the best correction, which was none, and
+        // then away from it.
         correction.learn(&plan, &[0.0, 0.85, 0.85]);
-        assert!((correction.shift[1] + 0.018).abs() < 1e-12, "{:?}", correction.shift);
+        assert!((correction.shift[1] - 0.045).abs() < 1e-12, "{:?}", correction.shift);
+        correction.learn(&plan, &[0.0, 0.85, 0.85]);
+        assert!((correction.shift[1] + 0.0135).abs() < 1e-12, "{:?}", correction.shift);
         correction.missed[1] = -9.0;
         correction.learn(&plan, &[0.0, 0.0, 0.0]);
         assert!(correction.shift.iter().all(|s| s.abs() <= FARTHEST));

@@ -254,7 +254,10 @@ impl Linear {
         let tokens = &self.encoder.tokens;
         let actions = tokens.facts().actions;
         let mut history = ActionHistory::new(actions);
-        let first = CURRENT - past.len() / actions;
+        // The oldest frames of the window have no past from which to predict.
+        let back = tokens.config().ridge_history;
+        let first = (CURRENT - past.len() / actions).max(back);
+        let past = &past[past.len() - (CURRENT - first) * actions..];
         let mut predicted = vec![0.0; past.len()];
         ridge.answers(tokens, &self.scratch, first..CURRENT, &mut self.features, &mut predicted);
         for (applied, predicted) in past.chunks(actions).zip(predicted.chunks(actions)) {

@@ -86,7 +86,9 @@ impl SuiteEvaluator {
         if select == Select::Extracted {
             self.cases.retain(|c| c.suite != "extra");
             let count = extracted_cases(self.robot.id());
-            let suites = test_suites(&self.robot, data, count, seed).map_err(|e| e.to_string())?;
+            let suites = test_suites(&self.robot, data, count, seed).map_err(|e| {
+                format!("select=extracted: {e}; or choose by shipped tasks: --set select=tasks")
+            })?;
             for suite in suites {
                 self.cases.extend(suite.cases.into_iter().map(|case| Case {
                     suite: suite.name.clone(),

@@ -11,8 +11,9 @@ use crate::clip::{Clip, Command, Fix, JointTable, Level, Lint, Rule, compile_for
 /// The most fixes to apply. Each removes a finding, and some lead to another one.
 const FIXES: usize = 1000;
 
-/// The most fixes that change nothing for the better, after each of which others are tried.
+/// The most fixes that change nothing for the better, and how many others are tried after each.
 const PAIRS: usize = 6;
+const SECONDS: usize = 12;
 
 /// The most kinds of fixes that the report names one by one.
 const SAID: usize = 12;
@@ -168,7 +169,7 @@ impl Finder<'_> {
         }
         // A pose that was stored may need another fix before it is right.
         for first in level.into_iter().take(PAIRS) {
-            for second in each(&first.lints) {
+            for second in each(&first.lints).take(SECONDS) {
                 let Some(mut next) = self.apply(&first.clip, second, longest, left_out)? else {
                     continue;
                 };

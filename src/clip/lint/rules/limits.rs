@@ -6,8 +6,8 @@ use crate::lint::finder::{Finder, Place, some_of};
 use crate::lint::finding::{Level, Lint, Rule};
 use robert_base::units::Unit;
 
-/// A little more than a turn, rad.
-const TURN: f64 = 6.5;
+/// Two turns, rad: beyond what a pose in rad needs.
+const TURNS: f64 = 12.6;
 
 impl Finder<'_> {
     pub(in crate::lint) fn limits(&mut self) {
@@ -49,7 +49,9 @@ impl Finder<'_> {
                 Some((name.as_str(), j, joint, (*value)?))
             });
             if let Some(read) = degrees(turns) {
-                message.push_str("; clips are in rad: are these degrees?");
+                message.push_str(
+                    "; clips are in rad: are these degrees? Then check the other poses too",
+                );
                 fixes.splice(0..0, place.fix("Read the pose as degrees", &read));
             }
             self.push(Lint {
@@ -66,8 +68,8 @@ impl Finder<'_> {
     }
 }
 
-/// The values of a pose's hinges in rad, if they look like degrees: two are beyond a turn, and as
-/// degrees all are possible.
+/// The values of a pose's hinges in rad, if they look like degrees: two are beyond two turns, and
+/// as degrees all are possible.
 fn degrees<'a>(
     turns: impl Iterator<Item = (&'a str, usize, &'a JointFacts, f64)>,
 ) -> Option<Vec<(&'a str, usize, f64)>> {
@@ -79,7 +81,7 @@ fn degrees<'a>(
         if q < lo - 1e-6 || q > hi + 1e-6 {
             return None;
         }
-        beyond += usize::from(degrees.abs() > TURN);
+        beyond += usize::from(degrees.abs() > TURNS);
         read.push((name, j, q));
     }
     (beyond >= 2).then_some(read)
