@@ -44,7 +44,8 @@ class Record:
         """One figure of a task, or of a suite: the mean over its tasks (jams: the sum).
 
         `floor` is the Precision of iLQR. `excess` is Precision / floor - 1; that of a suite is
-        the ratio of the means. None where the task has no such figure.
+        the ratio of the means. None where the task has no such figure, and
+        for the Precision of a suite of which a rollout diverged.
         """
         whole, found = self._of(suite, policy)
         if figure == "ci95":
@@ -64,7 +65,8 @@ class Record:
                 raise Missing(f"results/{self.name}.json: no task {task} in {suite}")
             return values[whole["tasks"].index(task)]
         known = [v for v in values if v is not None]
-        if not known:
+        # A rollout that diverged has no Precision, and a mean without it would be too good.
+        if not known or figure == "precision" and len(known) < len(values):
             return None
         return sum(known) if figure == "jams" else sum(known) / len(known)
 
