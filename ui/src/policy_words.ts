@@ -25,6 +25,10 @@ const WORDS: Record<PolicyName, Words> = {
     title: "Inverse dynamics",
     about: "Computes the torque that each frame needs. Take it when goals lie close together.",
   },
+  "adaptive-computed-torque": {
+    title: "Inverse dynamics, identified",
+    about: "Infers mass, damping and motor strength while it moves. Take it when the robot model is wrong.",
+  },
   ilqr: {
     title: "Trajectory optimisation",
     about: "Plans ahead and improves its plan. Accurate when keys lie far apart; takes seconds.",

@@ -1497,6 +1497,8 @@ export type PolicyName =
   | "pd"
   /** Inverse dynamics of the true model. */
   | "computed-torque"
+  /** Inverse dynamics of a model whose mass, damping and motor strength are identified. */
+  | "adaptive-computed-torque"
   /** Receding-horizon iLQR on the true model. */
   | "ilqr"
   /** Predictive sampling on the true model. */
