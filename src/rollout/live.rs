@@ -304,7 +304,7 @@ mod tests {
             .into();
         let mut live: Option<LiveRollout> = None;
         let contenders = Contenders::new(&robot, &asked).unwrap();
-        let mut shown_early = 0;
+        let mut shown_early = Vec::new();
         for clip in [&clips[0], &clips[1], &clips[1], &clips[2], &clips[3]] {
             let command = compile(clip).unwrap();
             match &mut live {
@@ -313,11 +313,11 @@ mod tests {
             }
             let live = live.as_mut().unwrap();
             while live.step().unwrap().is_some() {}
-            shown_early = 0;
+            let mut shown = 0;
             while live.step_another() {
-                shown_early += usize::from(live.show_best_so_far());
+                shown += usize::from(live.show_best_so_far());
             }
-            assert!(shown_early <= 2, "another contender, and its first better motion");
+            shown_early.push(shown);
             let choice = live.choose().unwrap();
             let fresh = contenders
                 .perform(&command, &Start::Pose, 3, 1, &Silent, &Cancel::default())
@@ -326,7 +326,8 @@ mod tests {
             assert_eq!(choice.policy, fresh.policy.label());
             assert_eq!(live.shown().actions(), fresh.rollout.actions());
         }
-        assert!(shown_early > 0, "in the last one joints stay away");
+        // In the last one joints stay away: another contender, and its first better motion.
+        assert_eq!(shown_early, [0, 0, 0, 0, 2]);
         let live = live.as_mut().unwrap();
         let actions = live.shown().actions().to_vec();
         assert!(!to_the_end(live).changed, "the same clip, the same choice");

@@ -11,9 +11,10 @@ use crate::clip::{Clip, Command, Fix, JointTable, Level, Lint, Rule, compile_for
 /// The most fixes to apply. Each removes a finding, and some lead to another one.
 const FIXES: usize = 1000;
 
-/// The most fixes that change nothing for the better, and how many others are tried after each.
-const PAIRS: usize = 6;
-const SECONDS: usize = 12;
+/// The most fixes that change nothing for the better by themselves, after which others are tried.
+const FIRSTS: usize = 6;
+/// The most others that are tried after each of them.
+const PARTNERS: usize = 12;
 
 /// The most kinds of fixes that the report names one by one.
 const SAID: usize = 12;
@@ -168,8 +169,8 @@ impl Finder<'_> {
             }
         }
         // A pose that was stored may need another fix before it is right.
-        for first in level.into_iter().take(PAIRS) {
-            for second in each(&first.lints).take(SECONDS) {
+        for first in level.into_iter().take(FIRSTS) {
+            for second in each(&first.lints).take(PARTNERS) {
                 let Some(mut next) = self.apply(&first.clip, second, longest, left_out)? else {
                     continue;
                 };
