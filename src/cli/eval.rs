@@ -171,7 +171,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         floors(&robot, &mut suites, threads, global, &cancel)?;
     }
     let (config, device) = on_device(args, config, &suites)?;
-    let bar = Bar::new("eval", "rollouts", global.quiet);
+    let bar = Bar::new("eval", "frames", global.quiet);
     let begin = Instant::now();
     let forwards = device.as_ref().map(|d| d as &dyn Forwards);
     let results = evaluate_on(&robot, &suites, &config, forwards, &bar, &cancel);
@@ -249,7 +249,7 @@ fn floors(
     global: Global,
     cancel: &Cancel,
 ) -> Outcome {
-    let bar = Bar::new("floor", "clips", global.quiet);
+    let bar = Bar::new("floor", "frames", global.quiet);
     // Tasks from recorded motion are compared with the recording instead.
     let clips = suites.iter_mut().flat_map(|s| &mut s.cases).filter(|c| c.truth.is_none());
     let filled = floor::fill(robot, clips, threads, &bar, cancel);
@@ -347,8 +347,9 @@ fn task(name: &str, robot: Option<&str>) -> Outcome<Option<(String, Clip)>> {
     let short = name.rsplit('/').next().unwrap_or(name);
     match motion::clip(name, robot) {
         Ok(clip) => Ok(Some((short.to_owned(), clip))),
-        // A task was meant: it names a robot, or several robots have one of this name.
-        Err(e) if short != name || e.sentence().contains("ROBOT/NAME") => Err(e),
+        // A task was meant: it names a robot, or several robots have one of this name, or there is
+        // no robot of which it could be a suite.
+        Err(e) if short != name || robot.is_none() || e.sentence().contains("ROBOT/NAME") => Err(e),
         Err(_) => Ok(None),
     }
 }
@@ -507,7 +508,7 @@ const FIGURES: [(&str, PolicyFigure); 7] = [
     ("over the floor", |e| e.excess_mean.map(|x| format!("{:+.0} %", 100.0 * x))),
     ("moving", |e| mean_of(e, |t| t.moving).map(short)),
     ("gap path", |e| {
-        let worst = worst_of(e, |t| t.gap.as_ref()?.path_worst.map(|w| w.value));
+        let worst = worst_of(e, |t| t.gap.as_ref()?.path_worst.as_ref().map(|w| w.value));
         spread(mean_of(e, |t| t.gap.as_ref()?.path), worst)
     }),
     ("gap overshoot", |e| {
@@ -517,7 +518,7 @@ const FIGURES: [(&str, PolicyFigure); 7] = [
         })
     }),
     ("gap jerk", |e| {
-        let worst = worst_of(e, |t| t.gap.as_ref()?.jerk_worst.map(|w| w.value));
+        let worst = worst_of(e, |t| t.gap.as_ref()?.jerk_worst.as_ref().map(|w| w.value));
         spread(mean_of(e, |t| t.gap.as_ref()?.jerk), worst)
     }),
     ("gap error / a cubic's", |e| {

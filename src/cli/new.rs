@@ -366,7 +366,7 @@ fn compare(
         .collect::<Outcome<Vec<_>>>()?;
     let suite = Suite { name: "trial".to_owned(), cases };
     let config = EvalConfig { policies, plant: PlantRange::default(), seeds: 0..1, threads };
-    let bar = Bar::new("compare", "rollouts", global.quiet);
+    let bar = Bar::new("compare", "frames", global.quiet);
     let found = evaluate(robot, &[suite], &config, &bar, cancel);
     bar.finish();
     Ok(found?)

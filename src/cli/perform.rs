@@ -33,6 +33,9 @@ pub(super) struct PerformArgs {
     /// The robot, if it is not the clip's own.
     #[arg(long, value_name = "ID|DIR")]
     pub(super) robot: Option<String>,
+    /// Threads that compare policies and search [default: all cores]. They do not change the motion.
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
 }
 
 /// Every policy with its argument, and the options that may follow it.
@@ -82,6 +85,7 @@ impl PerformArgs {
             ("--refine", self.conditions.refine),
             ("--plant", self.conditions.plant.is_some()),
             ("--seed", self.seed != 0),
+            ("--threads", self.threads.is_some()),
         ];
         match asked.iter().find(|(_, given)| *given) {
             None => Ok(()),
@@ -167,7 +171,7 @@ pub(super) fn perform(text: &str, args: &PerformArgs, global: Global) -> Outcome
     let cancel = cancel_on_ctrl_c();
     let begin = Instant::now();
     let (policy, chosen) = if asked.is_tried() {
-        let chosen = choose(&robot, &asked, &command, args.seed, &cancel, global)?;
+        let chosen = choose(&robot, &asked, &command, args, &cancel, global)?;
         // The policies are compared on the nominal plant; on another one the best performs again.
         (chosen.policy.clone(), Some(chosen))
     } else {
@@ -214,14 +218,14 @@ fn choose(
     robot: &Arc<Robot>,
     asked: &PolicyConfig,
     command: &clip::Command,
-    seed: u64,
+    args: &PerformArgs,
     cancel: &Cancel,
     global: Global,
 ) -> Outcome<Chosen> {
     let contenders = Contenders::new(robot, asked)?;
     let bar = Bar::new(&asked.label(), "frames", global.quiet);
-    let threads = super::global::threads(None);
-    let chosen = contenders.perform(command, &Start::Pose, seed, threads, &bar, cancel);
+    let threads = super::global::threads(args.threads);
+    let chosen = contenders.perform(command, &Start::Pose, args.seed, threads, &bar, cancel);
     bar.finish();
     Ok(chosen?)
 }

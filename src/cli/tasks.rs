@@ -140,7 +140,7 @@ fn floors(dir: &Path, only: Option<&str>, global: Global) -> Outcome {
                 cases.push(Case { name, command, start: Start::Pose, truth: None, floor: None });
             }
         }
-        let bar = Bar::new(id, "clips", global.quiet);
+        let bar = Bar::new(id, "frames", global.quiet);
         let table =
             floor::measure_table(&robot, cases, super::global::threads(None), &bar, &cancel);
         bar.finish();

@@ -47,10 +47,12 @@ const LONGEST_PATH: f64 = 1.3;
 const MOST_JERK: f64 = 3.0;
 
 /// A figure and where it was found.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Worst {
     /// The figure.
     pub value: f64,
+    /// The joint that contributes most.
+    pub joint: String,
     /// Last frame with a goal before the gap.
     pub frame: usize,
 }
@@ -137,24 +139,34 @@ impl GapFigures {
             if straight < MOVES {
                 continue;
             }
-            let way: f64 = (gap.from..gap.to).map(|f| motion.distance(f, f + 1, &gap.joints)).sum();
-            paths.push(Worst { value: way / straight, frame: gap.from });
+            paths.push((way(&motion, gap, &gap.joints) / straight, gap));
             if !differences(gap).is_empty() {
-                let value = jerk(&motion, gap) / least_jerk(gap, straight);
-                jerks.push(Worst { value, frame: gap.from });
+                jerks.push((jerk(&motion, gap, &gap.joints) / least_jerk(gap, straight), gap));
             }
         }
         found.moves = paths.len();
-        (found.path, found.path_worst) = mean_and_worst(&paths);
-        (found.jerk, found.jerk_worst) = mean_and_worst(&jerks);
+        let detour =
+            |gap: &Gap, j: usize| way(&motion, gap, &[j]) - motion.distance(gap.from, gap.to, &[j]);
+        let jolt = |gap: &Gap, j: usize| jerk(&motion, gap, &[j]);
+        (found.path, found.path_worst) = mean_and_worst(&paths, joints, detour);
+        (found.jerk, found.jerk_worst) = mean_and_worst(&jerks, joints, jolt);
         (!gaps.is_empty()).then_some(found)
     }
 }
 
-fn mean_and_worst(values: &[Worst]) -> (Option<f64>, Option<Worst>) {
-    let worst = values.iter().copied().max_by(|a, b| a.value.total_cmp(&b.value));
-    let mean = values.iter().map(|v| v.value).sum::<f64>() / values.len().max(1) as f64;
-    (worst.map(|_| mean), worst)
+/// The mean of a figure over gaps, and the worst gap with the joint for which `share` is largest.
+fn mean_and_worst(
+    values: &[(f64, &Gap)],
+    joints: &[String],
+    share: impl Fn(&Gap, usize) -> f64,
+) -> (Option<f64>, Option<Worst>) {
+    let Some(&(value, gap)) = values.iter().max_by(|a, b| a.0.total_cmp(&b.0)) else {
+        return (None, None);
+    };
+    let mean = values.iter().map(|v| v.0).sum::<f64>() / values.len() as f64;
+    let most = gap.joints.iter().max_by(|&&a, &&b| share(gap, a).total_cmp(&share(gap, b)));
+    let joint = most.map_or_else(String::new, |&j| joints[j].clone());
+    (Some(mean), Some(Worst { value, joint, frame: gap.from }))
 }
 
 /// The gaps within the first `frames` frames.
@@ -214,12 +226,15 @@ fn third(x: impl Fn(isize) -> f64, i: isize) -> f64 {
     x(i + 3) - 3.0 * x(i + 2) + 3.0 * x(i + 1) - x(i)
 }
 
-fn jerk(motion: &Motion, gap: &Gap) -> f64 {
+/// Length of the path of some joints through a gap.
+fn way(motion: &Motion, gap: &Gap, joints: &[usize]) -> f64 {
+    (gap.from..gap.to).map(|f| motion.distance(f, f + 1, joints)).sum()
+}
+
+/// Root of the summed squared third differences of some joints.
+fn jerk(motion: &Motion, gap: &Gap, joints: &[usize]) -> f64 {
     let square = |i, j: &usize| third(|f| motion.at(f, *j), i).powi(2);
-    differences(gap)
-        .map(|i| gap.joints.iter().map(|j| square(i, j)).sum::<f64>())
-        .sum::<f64>()
-        .sqrt()
+    differences(gap).map(|i| joints.iter().map(|j| square(i, j)).sum::<f64>()).sum::<f64>().sqrt()
 }
 
 /// The sum of squared third differences of the minimum-jerk motion from rest to rest.
@@ -402,7 +417,8 @@ mod tests {
         // There and back: .05 + .30 + ... by hand.
         let by_hand: f64 = path.windows(2).take(20).map(|w| (w[1] - w[0]).abs()).sum();
         assert!((found.path.unwrap() - by_hand).abs() < 1e-9);
-        assert_eq!(found.path_worst.unwrap().frame, 0);
+        let worst = found.path_worst.unwrap();
+        assert_eq!((worst.frame, worst.joint.as_str()), (0, "j0"));
     }
 
     #[test]
@@ -429,6 +445,20 @@ mod tests {
         // The second gap has no joint with goals at both ends.
         assert_eq!((found.gaps, found.moves, found.overshoot), (1, 1, None));
         assert!((found.path.unwrap() - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_worst_gap_names_the_joint_that_contributes_most() {
+        let key = [Some(0.0), Some(1.0)];
+        let g = goals(2, 21, &[(0, &key[..]), (20, &[Some(1.0), Some(2.0)])]);
+        let mut all = vec![0.0; 2 * HISTORY];
+        for f in 0..21 {
+            let s = least(f64::from(f) / 20.0);
+            all.extend([s, s + if f == 7 { 0.4 } else { 0.0 }]);
+        }
+        let found = GapFigures::measure(&g, &all, &["a".to_owned(), "b".to_owned()]).unwrap();
+        assert_eq!(found.path_worst.unwrap().joint, "b");
+        assert_eq!(found.jerk_worst.unwrap().joint, "b");
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Evaluates many clips with many policies on all cores.
 
 use std::ops::Range;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use serde::Serialize;
@@ -337,7 +337,8 @@ fn against_floors(robot: &Robot, suite: &Suite, ilqr: Option<usize>, results: &m
     }
 }
 
-/// The outcomes of the jobs, in their order.
+/// The outcomes of the jobs, in their order. Those with a search take much longer. They come last,
+/// as a part with its own progress, so that the time left can be told.
 fn all(
     robot: &Arc<Robot>,
     suites: &[Suite],
@@ -348,15 +349,47 @@ fn all(
     progress: &dyn Progress,
     cancel: &Cancel,
 ) -> Result<Vec<Outcome>, Error> {
-    let (next, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
+    let (search, direct): (Vec<usize>, Vec<usize>) =
+        (0..jobs.len()).partition(|&at| config.policies[jobs[at].policy].is_tried());
+    let mut outcomes = Vec::with_capacity(jobs.len());
+    let has_both = !direct.is_empty() && !search.is_empty();
+    for (what, part) in [("perform", direct), ("search", search)] {
+        if part.is_empty() {
+            continue;
+        }
+        if has_both {
+            progress.phase(what, "frames");
+        }
+        let found = some(robot, suites, config, templates, labels, (jobs, &part), progress, cancel);
+        outcomes.extend(found?);
+    }
+    outcomes.sort_by_key(|(at, _)| *at);
+    Ok(outcomes.into_iter().map(|(_, o)| o).collect())
+}
+
+/// The outcomes of some jobs, each with its place among all. Progress counts frames.
+fn some(
+    robot: &Arc<Robot>,
+    suites: &[Suite],
+    config: &EvalConfig,
+    templates: &[Template],
+    labels: &[String],
+    (jobs, part): (&[Job], &[usize]),
+    progress: &dyn Progress,
+    cancel: &Cancel,
+) -> Result<Vec<(usize, Outcome)>, Error> {
+    let case = |job: &Job| &suites[job.suite].cases[job.case];
+    let frames = |at: usize| u64::from(case(&jobs[at]).command.frames());
+    let total = part.iter().map(|&at| frames(at)).sum();
+    let (next, done) = (AtomicUsize::new(0), AtomicU64::new(0));
     // An error on one thread stops the others at their next frame.
     let stop = Cancel::default();
     let work = || -> Result<Vec<(usize, Outcome)>, Error> {
         let mut mine = Vec::new();
         loop {
-            let at = next.fetch_add(1, Ordering::Relaxed);
-            let Some(job) = jobs.get(at) else { return Ok(mine) };
-            let case = &suites[job.suite].cases[job.case];
+            let Some(&at) = part.get(next.fetch_add(1, Ordering::Relaxed)) else { return Ok(mine) };
+            let job = &jobs[at];
+            let case = case(job);
             let policy = &config.policies[job.policy];
             let drawn = (job.seed, config.plant.draw(job.seed));
             let mut begin = std::time::Instant::now();
@@ -373,20 +406,19 @@ fn all(
             outcome.wall_secs = begin.elapsed().as_secs_f64();
             outcome.chosen = chosen;
             mine.push((at, outcome));
-            let n = done.fetch_add(1, Ordering::Relaxed) + 1;
-            let note = format!("{} {}", labels[job.policy], case.name);
-            progress.tick(n as u64, jobs.len() as u64, &note);
+            let n = done.fetch_add(frames(at), Ordering::Relaxed) + frames(at);
+            progress.tick(n, total, &format!("{} {}", labels[job.policy], case.name));
         }
     };
     let finished: Vec<_> = std::thread::scope(|scope| {
-        let threads = config.threads.clamp(1, jobs.len().max(1));
+        let threads = config.threads.clamp(1, part.len());
         let handles: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
         handles
             .into_iter()
             .map(|h| h.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
             .collect()
     });
-    let mut outcomes = Vec::with_capacity(jobs.len());
+    let mut outcomes = Vec::with_capacity(part.len());
     let mut error: Option<Error> = None;
     for part in finished {
         match part {
@@ -396,11 +428,7 @@ fn all(
             Err(_) => {}
         }
     }
-    if let Some(e) = error {
-        return Err(e);
-    }
-    outcomes.sort_by_key(|(at, _)| *at);
-    Ok(outcomes.into_iter().map(|(_, o)| o).collect())
+    error.map_or(Ok(outcomes), Err)
 }
 
 /// Mean over tasks, with the interval over seeds: each seed gives one mean. `None` when a

@@ -75,10 +75,12 @@ pub enum TaskError {
         hint: String,
     },
     /// No such suite.
-    #[error("there is no suite {name:?}; use {known}, or clip files")]
+    #[error("there is no suite {name:?}{hint}; use {known}, or clip files")]
     UnknownSuite {
         /// The requested name.
         name: String,
+        /// A similar name of a suite or a task, in brackets.
+        hint: String,
         /// The existing names.
         known: String,
     },
@@ -158,6 +160,23 @@ impl RobotTasks {
             _ => None,
         }
     }
+
+    /// A suite or task with a name similar to `asked`, as a question in brackets; `folder` is that of
+    /// the clips.
+    fn hint(&self, folder: &str, asked: &str) -> String {
+        let mut near: Option<(f64, String)> = None;
+        for suite in SUITES {
+            if let Some(score) = nearer(suite, asked, near.as_ref()) {
+                near = Some((score, suite.to_owned()));
+            }
+            for task in self.suite(suite).unwrap_or_default() {
+                if let Some(score) = nearer(task, asked, near.as_ref()) {
+                    near = Some((score, format!("{folder}/{task}")));
+                }
+            }
+        }
+        near.map_or_else(String::new, |(_, name)| format!(" (did you mean {name}?)"))
+    }
 }
 
 /// Suites by robot.
@@ -180,6 +199,7 @@ pub fn suite(robot: &str, suite: &str) -> Result<Vec<(String, Clip)>, TaskError>
     for name in expand(suite) {
         let names = tasks.suite(name).ok_or_else(|| TaskError::UnknownSuite {
             name: name.to_owned(),
+            hint: tasks.hint(folder, name),
             known: format!("{}, final", SUITES.join(", ")),
         })?;
         for name in names {
@@ -204,10 +224,9 @@ pub fn find(name: &str, robot: Option<&str>) -> Result<Clip, TaskError> {
     for id in manifest.keys().filter(|id| robot.is_none_or(|r| r == *id)) {
         let (folder, tasks) = of(&manifest, id)?;
         for task in SUITES.iter().filter_map(|s| tasks.suite(s)).flatten() {
-            let score = strsim::jaro_winkler(task, short);
             if task == short && !folders.contains(&folder) {
                 folders.push(folder);
-            } else if score > near.as_ref().map_or(0.8, |n| n.0) {
+            } else if let Some(score) = nearer(task, short, near.as_ref()) {
                 near = Some((score, format!("{folder}/{task}")));
             }
         }
@@ -231,6 +250,12 @@ pub fn find(name: &str, robot: Option<&str>) -> Result<Clip, TaskError> {
         }
         many => Err(unknown(format!(" of one robot only (write ROBOT/NAME: {})", many.join(", ")))),
     }
+}
+
+/// How similar a name is to the one that was asked for, if it is more similar than the nearest so far.
+fn nearer(name: &str, asked: &str, nearest: Option<&(f64, String)>) -> Option<f64> {
+    let score = strsim::jaro_winkler(name, asked);
+    (score > nearest.map_or(0.8, |n| n.0)).then_some(score)
 }
 
 /// The embedded text of a task.
@@ -371,6 +396,10 @@ mod tests {
         let e = find("recher", None).unwrap_err();
         assert!(e.to_string().contains("ur5e/reacher"), "{e}");
         assert!(matches!(suite("ur5e", "x"), Err(TaskError::UnknownSuite { .. })));
+        let hint = |name| suite("ur5e", name).unwrap_err().to_string();
+        assert!(hint("manul").contains("did you mean manual?"), "{}", hint("manul"));
+        assert!(hint("recher").contains("did you mean ur5e/reacher?"), "{}", hint("recher"));
+        assert!(!hint("zzz").contains("did you"));
         assert!(matches!(suite("spot", "manual"), Err(TaskError::NoTasks { .. })));
     }
 }
