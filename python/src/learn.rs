@@ -127,7 +127,7 @@ pub(crate) fn fit(
     }
     let held_out = listened(py, progress, |listener, cancel| {
         let mut fitted = match kind {
-            "ridge" => fits::ridge(&data, seed, threads, &out),
+            "ridge" => fits::ridge(&data, seed, threads, &out, cancel),
             "nearest" => fits::nearest(&data, seed, NEAREST_FRAMES, &out),
             _ => {
                 let settings = InverseSettings::default();

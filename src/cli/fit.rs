@@ -98,7 +98,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let cancel = cancel_on_ctrl_c();
     let begin = Instant::now();
     let fitted = match args.policy {
-        Fit::Ridge => fit::ridge(&data, args.seed, threads, &path),
+        Fit::Ridge => fit::ridge(&data, args.seed, threads, &path, &cancel),
         Fit::Nearest => fit::nearest(&data, args.seed, args.frames as usize, &path),
         Fit::MlpInverse => {
             let settings = InverseSettings {

@@ -164,6 +164,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         let cfg = TrainConfig { ridge_penalty, ..usual };
         let options = options(&places.instant, threads, &Silent, &cancel, None);
         train(&data, &cfg, options)?;
+        go_on(&cancel)?;
     }
     if !places.model.is_file() {
         pack(&places.instant, &places.model)?;
@@ -281,6 +282,7 @@ fn teach(
             tempfile::tempdir().map_err(|e| Failure::with(crate::exit::Exit::Failed, e))?;
         let probe = TrainConfig { steps: PROBE_STEPS, ..preset.clone() };
         let tried = train(data, &probe, options(scratch.path(), threads, &Silent, cancel, None))?;
+        go_on(cancel)?;
         let steps = args.minutes * 60.0 * PLANNED * tried.windows_per_sec / preset.batch as f64;
         TrainConfig { steps: (steps as u64).max(50), ..preset }
     };
@@ -296,6 +298,15 @@ fn teach(
         return Err(Failure::with(crate::exit::Exit::Interrupted, hint));
     }
     Ok(done)
+}
+
+/// Ends after Ctrl-C, before what was cut short counts as a result.
+fn go_on(cancel: &Cancel) -> Outcome {
+    if cancel.is_cancelled() {
+        let hint = "stopped; the same command goes on";
+        return Err(Failure::with(crate::exit::Exit::Interrupted, hint));
+    }
+    Ok(())
 }
 
 /// Performs the trial clips that choose.

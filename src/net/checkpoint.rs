@@ -550,6 +550,7 @@ mod tests {
     use crate::ridge::{RidgeConfig, toy::Toy};
     use crate::tensors::with_header;
     use crate::{AdamConfig, Batch, JointFacts, Mixing};
+    use robert_base::progress::Cancel;
     use robert_base::rng::{Rng, Stream};
 
     fn model() -> (Card, Net<f32>, Encoder) {
@@ -559,7 +560,7 @@ mod tests {
         let norm = Normaliser::measure(2, (0..4).map(|e| data.episodes[e].0.as_slice()));
         let tokens = Tokeniser::new(TokenConfig::for_robot(&facts), facts, &norm).unwrap();
         let fit = RidgeConfig { samples: 200, ..RidgeConfig::default() };
-        let ridge = Ridge::fit(&tokens, &data, &fit, 1).unwrap();
+        let ridge = Ridge::fit(&tokens, &data, &fit, 1, &Cancel::default()).unwrap();
         let encoder = Encoder::new(tokens, Some(ridge)).unwrap();
         let cfg = NetConfig {
             layers: 1,

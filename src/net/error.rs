@@ -36,6 +36,9 @@ pub enum Error {
         /// Pivot that was not positive.
         row: usize,
     },
+    /// A fit was stopped before its end; nothing was written.
+    #[error("the fit was stopped; nothing was written")]
+    Stopped,
     /// A model file is damaged or not one.
     #[error("{why} in model file {path}", path = path.display())]
     File {
@@ -82,6 +85,7 @@ impl HasExit for Error {
         match self {
             Error::Files(e) => e.exit(),
             Error::NoModel { .. } => Exit::Missing,
+            Error::Stopped => Exit::Interrupted,
             Error::Shape { .. } | Error::Singular { .. } | Error::Lost { .. } => Exit::Failed,
             _ => Exit::Invalid,
         }

@@ -12,6 +12,7 @@ use super::Error;
 use super::config::{CURRENT, MaskGranularity, WINDOW};
 use super::mask::MaskKind;
 use super::token::{RIDGE_HEADS, Scratch, Tokeniser};
+use robert_base::progress::Cancel;
 use robert_base::rng::{Rng, Stream};
 use robert_linalg::{Init, Mat, MatMut, Packed, Real, gemm, gemm_packed, next_of, on_threads};
 
@@ -97,14 +98,16 @@ impl Ridge {
     /// Fits all heads.
     ///
     /// # Errors
-    /// [`Error::Shape`] when no episode is long enough, [`Error::Singular`].
+    /// [`Error::Shape`] when no episode is long enough, [`Error::Singular`], [`Error::Stopped`].
     pub fn fit(
         tokens: &Tokeniser,
         episodes: &impl Episodes,
         cfg: &RidgeConfig,
         threads: usize,
+        cancel: &Cancel,
     ) -> Result<Self, Error> {
-        let mut all = Self::fit_each(tokens, episodes, cfg, &[cfg.lambda_per_sample], threads)?;
+        let penalties = [cfg.lambda_per_sample];
+        let mut all = Self::fit_each(tokens, episodes, cfg, &penalties, threads, cancel)?;
         Ok(all.remove(0))
     }
 
@@ -118,6 +121,7 @@ impl Ridge {
         cfg: &RidgeConfig,
         penalties: &[f64],
         threads: usize,
+        cancel: &Cancel,
     ) -> Result<Vec<Self>, Error> {
         let starts = Starts::new(tokens.state(), episodes);
         if starts.total == 0 {
@@ -135,7 +139,9 @@ impl Ridge {
         let queue = Mutex::new(weights.chunks_exact_mut(penalties.len() * one).enumerate());
         on_threads(threads.max(1), |_| {
             while let Some((head, to)) = next_of(&queue) {
-                if let Err(e) = fit_head(head, tokens, episodes, &starts, cfg, penalties, to) {
+                let fitted =
+                    fit_head(head, tokens, episodes, &starts, cfg, (penalties, to), cancel);
+                if let Err(e) = fitted {
                     failed
                         .lock()
                         .unwrap_or_else(std::sync::PoisonError::into_inner)
@@ -272,8 +278,8 @@ fn fit_head(
     episodes: &impl Episodes,
     starts: &Starts,
     cfg: &RidgeConfig,
-    penalties: &[f64],
-    to: &mut [f32],
+    (penalties, to): (&[f64], &mut [f32]),
+    cancel: &Cancel,
 ) -> Result<(), Error> {
     const CHUNK: usize = 1024;
     let (s, f, a) = (tokens.state(), tokens.ridge_inputs(), tokens.facts().actions);
@@ -285,6 +291,9 @@ fn fit_head(
     let (mut filled, mut drawn, mut index) = (0, 0, 0_u64);
     // Hidden frames have their own heads; a window may contain none of the wanted kind.
     while drawn < cfg.samples && index < 20 * cfg.samples as u64 {
+        if cancel.is_cancelled() {
+            return Err(Error::Stopped);
+        }
         let mut rng = Rng::new(cfg.seed ^ ((head as u64) << 32), Stream::Fit, index);
         index += 1;
         let (episode, start) = starts.draw(&mut rng);
@@ -325,6 +334,9 @@ fn fit_head(
     }
     accumulate(&mut xx, &mut xy, &x, &y, filled, f, a);
     for (per_sample, to) in penalties.iter().zip(to.chunks_exact_mut(f * a)) {
+        if cancel.is_cancelled() {
+            return Err(Error::Stopped);
+        }
         let (mut factor, mut weights) = (xx.clone(), xy.clone());
         let penalty = cfg.lambda + per_sample * drawn as f64;
         factor.iter_mut().step_by(f + 1).for_each(|d| *d += penalty);
@@ -480,8 +492,12 @@ mod tests {
         let cfg = TokenConfig { ridge_history: 8, ..TokenConfig::for_robot(&facts) };
         let tokens = Tokeniser::new(cfg, facts, &norm).unwrap();
         let fit = RidgeConfig { samples: 3000, ..RidgeConfig::default() };
-        let ridge = Ridge::fit(&tokens, &data, &fit, 2).unwrap();
-        assert_eq!(ridge.weights(), Ridge::fit(&tokens, &data, &fit, 1).unwrap().weights());
+        let ridge = Ridge::fit(&tokens, &data, &fit, 2, &Cancel::default()).unwrap();
+        let again = Ridge::fit(&tokens, &data, &fit, 1, &Cancel::default()).unwrap();
+        assert_eq!(ridge.weights(), again.weights());
+        let stop = Cancel::default();
+        stop.cancel();
+        assert!(matches!(Ridge::fit(&tokens, &data, &fit, 2, &stop), Err(Error::Stopped)));
 
         let test = Toy::new(2, 5, 300, 2);
         let mut scratch = tokens.scratch();
@@ -555,7 +571,9 @@ mod tests {
             let norm = Normaliser::measure(1, self.0[..30].iter().map(|e| &e.0[..]));
             let tokens = Tokeniser::new(cfg.clone(), facts, &norm).unwrap();
             let fit = RidgeConfig { samples: 3000, lambda, ..RidgeConfig::default() };
-            let ridge = Ridge::fit(&tokens, &Dry(self.0[..30].to_vec()), &fit, 2).unwrap();
+            let ridge =
+                Ridge::fit(&tokens, &Dry(self.0[..30].to_vec()), &fit, 2, &Cancel::default())
+                    .unwrap();
             let (mut scratch, mut got) = (tokens.scratch(), [0.0]);
             let (mut square, mut power) = (0.0, 0.0);
             for (states, actions) in &self.0[30..] {
@@ -639,7 +657,9 @@ mod tests {
         let norm = Normaliser::measure(2, (0..20).map(|e| clean.states(e)));
         let tokens = Tokeniser::new(TokenConfig::for_robot(&facts), facts, &norm).unwrap();
         let cfg = RidgeConfig { samples: 400, ..RidgeConfig::default() };
-        let fit = |data: &Touching| Ridge::fit(&tokens, data, &cfg, 1).unwrap().weights().to_vec();
+        let fit = |data: &Touching| {
+            Ridge::fit(&tokens, data, &cfg, 1, &Cancel::default()).unwrap().weights().to_vec()
+        };
         let spoil = |touches: fn(usize) -> bool| {
             let mut toy = Toy::new(2, 20, 200, 1);
             for (_, actions) in &mut toy.episodes {
@@ -667,7 +687,7 @@ mod tests {
         let norm = Normaliser::measure(1, (0..3).map(|e| data.states(e)));
         let tokens = Tokeniser::new(TokenConfig::for_robot(&facts), facts, &norm).unwrap();
         let fit = RidgeConfig { samples: 400, ..RidgeConfig::default() };
-        let ridge = Ridge::fit(&tokens, &data, &fit, 1).unwrap();
+        let ridge = Ridge::fit(&tokens, &data, &fit, 1, &Cancel::default()).unwrap();
         for head in ridge.weights().chunks(tokens.ridge_inputs()) {
             assert!(head.iter().any(|w| w.abs() > 1e-4));
         }

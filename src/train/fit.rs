@@ -50,9 +50,15 @@ impl Fitted {
 ///
 /// # Errors
 /// [`Error::Net`].
-pub fn ridge(data: &Dataset, seed: u64, threads: usize, out: &Path) -> Result<Fitted, Error> {
+pub fn ridge(
+    data: &Dataset,
+    seed: u64,
+    threads: usize,
+    out: &Path,
+    cancel: &Cancel,
+) -> Result<Fitted, Error> {
     let cfg = TrainConfig { seed, ..TrainConfig::preset("instant")? };
-    let (card, net, encoder) = prepare(data, &cfg, threads)?;
+    let (card, net, encoder) = prepare(data, &cfg, threads, cancel)?;
     checkpoint::save(out, &card, &net, encoder.ridge.as_ref(), None)?;
     let linear = Linear::new(encoder)
         .map_err(|e| Error::Setting { setting: "skip".to_owned(), why: e.to_string() })?;

@@ -37,7 +37,7 @@ pub fn choose(
     let train = Side::new(data, Part::Train, cfg.seed);
     let [a, b, c] = CANDIDATES;
     let penalties = [fit.lambda_per_sample, a, b, c];
-    let mut ridges = Ridge::fit_each(&tokens, &train, &fit, &penalties, threads)?;
+    let mut ridges = Ridge::fit_each(&tokens, &train, &fit, &penalties, threads, cancel)?;
     let others = ridges.split_off(1);
     let (card, net, encoder) = assemble(data, cfg, ridges.pop(), threads)?;
     let mut model = Model { card, net, encoder, optimiser: None };
@@ -45,6 +45,10 @@ pub fn choose(
         let found = evaluator
             .evaluate_linear(model, cancel)
             .map_err(|why| Error::Evaluation { step: 0, why })?;
+        // Without its errors there is no choice.
+        if cancel.is_cancelled() {
+            return Err(robert_net::Error::Stopped.into());
+        }
         Ok(found.map_or(f64::INFINITY, |e| e.precision))
     };
     let mut best = (None, WORTH * error(&model)?);
@@ -69,6 +73,16 @@ mod tests {
     struct Judge {
         likes_small: bool,
         seen: Vec<f64>,
+    }
+
+    /// Is stopped at the first question.
+    struct Stopper;
+
+    impl Evaluate for Stopper {
+        fn evaluate(&mut self, _: &Model, cancel: &Cancel) -> Result<Option<Evaluation>, String> {
+            cancel.cancel();
+            Ok(None)
+        }
     }
 
     impl Evaluate for Judge {
@@ -100,5 +114,7 @@ mod tests {
             assert!(judge.seen.windows(2).all(|w| w[1] < w[0]), "{:?}", judge.seen);
             assert_eq!(found, likes_small.then_some(CANDIDATES[2]));
         }
+        let stopped = choose(&data, &cfg, 2, &mut Stopper, &Cancel::default());
+        assert!(matches!(stopped, Err(Error::Net(robert_net::Error::Stopped))), "{stopped:?}");
     }
 }

@@ -3,6 +3,7 @@
 
 use super::{Error, TrainConfig};
 use robert_base::json;
+use robert_base::progress::Cancel;
 use robert_dataset::{Dataset, Part};
 use robert_net::checkpoint::{TrainingCard, Usual};
 use robert_net::kmeans::kmeans;
@@ -67,13 +68,14 @@ pub fn prepare(
     data: &Dataset,
     cfg: &TrainConfig,
     threads: usize,
+    cancel: &Cancel,
 ) -> Result<(Card, Net<f32>, Encoder), Error> {
     let ridge = if cfg.skip == SkipKind::Off {
         None
     } else {
         let tokens = tokeniser(data, cfg)?;
         let train = Side::new(data, Part::Train, cfg.seed);
-        Some(Ridge::fit(&tokens, &train, &ridge_config(cfg, &tokens), threads)?)
+        Some(Ridge::fit(&tokens, &train, &ridge_config(cfg, &tokens), threads, cancel)?)
     };
     assemble(data, cfg, ridge, threads)
 }

@@ -407,7 +407,11 @@ impl Point<'_> {
             engines: None,
             meta: work.meta.clone(),
         };
-        let done = train(data, &cfg, options)?;
+        let done = match train(data, &cfg, options) {
+            // Stopped in a fit, before the first checkpoint.
+            Err(_) if work.cancel.is_cancelled() => return Ok(None),
+            done => done?,
+        };
         if done.interrupted || work.cancel.is_cancelled() {
             return Ok(None);
         }

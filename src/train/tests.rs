@@ -25,7 +25,7 @@ pub(super) fn untrained(robot: &str, seed: u64, folder: &Path) -> (Arc<Built>, D
     collect(&robot, &config, folder, false, 2, &Silent, &Cancel::default()).unwrap();
     let data = Dataset::open(folder, Verify::Structure).unwrap();
     let cfg = TrainConfig::preset("instant").unwrap();
-    let (card, net, encoder) = prepare::prepare(&data, &cfg, 2).unwrap();
+    let (card, net, encoder) = prepare::prepare(&data, &cfg, 2, &Cancel::default()).unwrap();
     (robot, data, Model { card, net, encoder, optimiser: None })
 }
 
@@ -175,7 +175,7 @@ fn in_contact_the_linear_answer_can_be_what_is_learned() {
     let data = touching(dir.path(), 0.0, &touches);
     let filled = |contact_target| {
         let cfg = TrainConfig { contact_target, ..small(10) };
-        let (_, net, encoder) = prepare::prepare(&data, &cfg, 1).unwrap();
+        let (_, net, encoder) = prepare::prepare(&data, &cfg, 1, &Cancel::default()).unwrap();
         let mut batch = Batch::zeros(&net.cfg, 2);
         let windows = Windows::new(&data, WINDOW, Part::Train, cfg.seed).unwrap();
         let source = source::Source::new(&data, &encoder, &cfg);
@@ -443,7 +443,7 @@ fn fits_infer_held_out_actions() {
     let dir = tempfile::tempdir().unwrap();
     let data = dataset(dir.path());
     let path = |name: &str| dir.path().join(name);
-    let mut ridge = fit::ridge(&data, 0, 2, &path("r")).unwrap();
+    let mut ridge = fit::ridge(&data, 0, 2, &path("r"), &Cancel::default()).unwrap();
     let mut nearest = fit::nearest(&data, 0, usize::MAX, &path("n")).unwrap();
     let mut inverse = fit_inverse(&data, 0, &path("i"));
     let errors = [&mut ridge, &mut nearest, &mut inverse]
