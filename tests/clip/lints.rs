@@ -95,12 +95,12 @@ fn limits_speeds_and_couplings() {
 
 #[test]
 fn blind_spans_are_found_and_fixed() {
-    let c = clip(vec![Key::new(0, &[0.0; 3]), Key::new(22, &[0.1; 3]).held(38)]);
-    let lints = fixes(&c, Rule::BlindSpan);
-    assert_eq!((lints.len(), lints[0].frames), (1, Some([1, 22])));
-    assert_eq!(lints[0].fixes.len(), 2);
     let c = clip(vec![Key::new(0, &[0.0; 3]), Key::new(21, &[0.1; 3]).held(39)]);
-    assert_eq!(rules(&c), [], "21 frames apart is blind for one step, which is no warning");
+    let lints = fixes(&c, Rule::BlindSpan);
+    assert_eq!((lints.len(), lints[0].frames), (1, Some([1, 21])));
+    assert_eq!(lints[0].fixes.len(), 2);
+    let c = clip(vec![Key::new(0, &[0.0; 3]), Key::new(20, &[0.1; 3]).held(40)]);
+    assert_eq!(rules(&c), [], "20 frames apart is in sight");
     let mut c = clip(dense(60, 0.0));
     c.masks = vec![Mask { from: 10, to: 40, joints: None }];
     let blind = fixes(&c, Rule::BlindSpan);

@@ -9,10 +9,8 @@ use crate::op::{KeysAdd, KeysHold, MaskSet, Op};
 use robert_base::limits;
 
 impl Finder<'_> {
-    /// A single step without a goal is no warning: the straight line is as good for one frame, and
-    /// people like to set keys a second apart.
     pub(in crate::lint) fn blind(&mut self) {
-        for blind in self.command.blind_spans().into_iter().filter(|b| b.to - b.from > 1) {
+        for blind in self.command.blind_spans() {
             if self.clip.keys.is_empty() {
                 return;
             }
@@ -22,8 +20,9 @@ impl Finder<'_> {
             let from = blind.after.map_or(0, |a| a + 1);
             let to = blind.before.unwrap_or(self.command.frames());
             let steps = blind.to - blind.from;
+            let plural = if steps == 1 { "step" } else { "steps" };
             let message = format!(
-                "no goal from frame {from} to {}: for {steps} steps the policy sees none, so it follows a straight line",
+                "no goal from frame {from} to {}: for {steps} {plural} the policy sees none, so it follows a straight line",
                 to - 1
             );
             let key = blind
