@@ -91,7 +91,8 @@ impl BabbleRule {
     pub(crate) fn of(robot: &Robot) -> Result<Self, Error> {
         let gear = robot.model().actuator_gear();
         let mut motors = Vec::new();
-        for ((k, a), servo) in robot.actuators().iter().enumerate().zip(robot.position_servos()?) {
+        let servos = robot.position_servos(&SHARE)?;
+        for ((k, a), servo) in robot.actuators().iter().enumerate().zip(servos) {
             let [lo, hi] = a.ctrlrange;
             let Some(law) = a.law else {
                 return Err(Error::Argument {

@@ -32,6 +32,7 @@ mod mirror;
 mod pace;
 mod pairs;
 mod plant;
+mod position_servo;
 pub mod preparse;
 mod profile;
 mod response;
@@ -43,8 +44,9 @@ pub use builtin::NOTICE;
 pub use derive::derive;
 pub use error::Error;
 pub use gravity::Gravity;
-pub use law::{Law, PositionServo};
+pub use law::Law;
 pub use plant::{PlantConfig, PlantRange};
+pub use position_servo::PositionServo;
 pub use profile::{
     ActuatorSpec, Camera, Coupling, Drive, FORMAT, Group, JointSpec, MODEL_FILE, MirrorRow,
     MirrorSpec, NEAR_LIMIT, PROFILE_FILE, Physics, PoseSpec, Profile, SettleSpec, valid_id,

@@ -57,21 +57,27 @@ impl Response {
         put(0, nv, &self.coast - &self.way * &kd);
         put(nv, 0, -(&self.speed * &kp));
         put(nv, nv, &self.keep - &self.speed * &kd);
-        // Powers 256 and 512 by squaring: between them only the slowest or fastest-growing mode
-        // still changes. Sizes are kept as logarithms.
-        let (mut before, mut log) = (0.0, 0.0);
-        for _ in 0..9 {
-            frame = &frame * &frame;
-            let norm = frame.norm();
-            if norm == 0.0 {
-                return 0.0;
-            }
-            frame /= norm;
-            (before, log) = (log, 2.0 * log + norm.ln());
-        }
-        let factor = f64::exp((log - before) / 256.0);
-        if factor.is_finite() { factor } else { f64::INFINITY }
+        lasting(frame)
     }
+}
+
+/// The magnitude of the largest eigenvalue of a frame: the factor by which the slowest disturbance
+/// decays. Infinite if it grows without bound.
+pub(super) fn lasting(mut frame: DMatrix<f64>) -> f64 {
+    // Powers 256 and 512 by squaring: between them only the slowest or fastest-growing mode still
+    // changes. Sizes are kept as logarithms.
+    let (mut before, mut log) = (0.0, 0.0);
+    for _ in 0..9 {
+        frame = &frame * &frame;
+        let norm = frame.norm();
+        if norm == 0.0 {
+            return 0.0;
+        }
+        frame /= norm;
+        (before, log) = (log, 2.0 * log + norm.ln());
+    }
+    let factor = f64::exp((log - before) / 256.0);
+    if factor.is_finite() { factor } else { f64::INFINITY }
 }
 
 #[cfg(test)]

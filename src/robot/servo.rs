@@ -8,7 +8,7 @@
 use nalgebra::DMatrix;
 
 use super::golden::spread;
-use super::law::PositionServo;
+use super::position_servo::PositionServo;
 use super::response::Response;
 use super::{Error, Robot};
 use robert_base::units::CTRL_DT;
@@ -127,22 +127,31 @@ impl Robot {
         self.joints().iter().map(|j| damping[j.dofadr]).collect()
     }
 
-    /// The position servos among the actuators, at the home pose; (A).
+    /// The position servos among the actuators, at the home pose, for a controller that covers
+    /// `shares` of the distance per frame; (A).
     ///
     /// # Errors
     /// [`Error::Simulator`].
-    pub fn position_servos(&self) -> Result<Vec<Option<PositionServo>>, Error> {
+    pub fn position_servos(&self, shares: &[f64]) -> Result<Vec<Option<PositionServo>>, Error> {
         if !self.actuators().iter().any(|a| a.law.is_some_and(|l| l.is_position())) {
             return Ok(vec![None; self.action_dim()]);
         }
         let home = self.home();
         let mut data = Data::new(self.model())?;
-        let mass = self.inertia(&mut data, &home)?;
-        let mass: Vec<f64> = (0..home.len()).map(|k| mass[(k, k)]).collect();
+        let mut inertias = Vec::new();
+        for k in 0..POSES {
+            inertias.push(self.inertia(&mut data, &self.spread_pose(k))?);
+        }
+        // Last, because the servos are read at home.
+        inertias.push(self.inertia(&mut data, &home)?);
+        let own: Vec<f64> = inertias[POSES].diagonal().iter().copied().collect();
         let dofs: Vec<usize> = self.joints().iter().map(|j| j.dofadr).collect();
-        Ok((0..self.action_dim())
-            .map(|a| PositionServo::of(&data, a, &home, &dofs, &mass))
-            .collect())
+        let mut servos: Vec<Option<PositionServo>> = (0..self.action_dim())
+            .map(|a| PositionServo::of(&data, a, &home, &dofs, &own))
+            .collect();
+        let damping: Vec<f64> = dofs.iter().map(|d| self.model().dof_damping()[*d]).collect();
+        PositionServo::calm(&mut servos, shares, &inertias, &damping);
+        Ok(servos)
     }
 
     /// Pose `k` of a set that covers the ranges evenly.

@@ -43,7 +43,7 @@ impl Pd {
             robot: Arc::clone(robot),
             actuation,
             servos: robot.tracking_servos()?,
-            positions: robot.position_servos()?,
+            positions: robot.position_servos(&[SHARE])?,
             gravity: Gravity::of(robot)?,
             still: vec![0.0; robot.model().nv()],
             torque: vec![0.0; robot.model().nv()],
