@@ -239,7 +239,9 @@ mod tests {
                 <geom type="capsule" fromto="0 0 0 .3 0 0" size=".03" mass="1" contype="0"/>"#,
                 x = if k == 0 { 0.0 } else { 0.3 },
             );
-            servos += &format!(r#"<position joint="j{k}" kp="200" ctrllimited="true" ctrlrange="-3 3"/>"#);
+            servos += &format!(
+                r#"<position joint="j{k}" kp="200" ctrllimited="true" ctrlrange="-3 3"/>"#
+            );
         }
         let text = format!(
             r#"<mujoco><option timestep="{SIM_DT}" gravity="0 0 0" integrator="Euler"/>

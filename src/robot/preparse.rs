@@ -195,6 +195,14 @@ impl Splice<'_> {
             return Err(refuse(doc.root_element(), path, message));
         }
         let mut edits = Edits::default();
+        for attribute in doc.descendants().flat_map(|node| node.attributes()) {
+            let written = &xml[attribute.range_value()];
+            let numbers = written.trim();
+            if !numbers.is_empty() && numbers.len() < written.len() && is_numbers(numbers) {
+                // This version takes a space at the end for one number more.
+                edits.replace(attribute.range_value(), numbers);
+            }
+        }
         for node in doc.descendants().filter(|n| n.has_tag_name("include")) {
             let file = node
                 .attribute("file")
@@ -225,6 +233,11 @@ impl Splice<'_> {
         }
         Ok(edits.apply(xml))
     }
+}
+
+/// Whether a value is a list of numbers.
+fn is_numbers(value: &str) -> bool {
+    value.split_ascii_whitespace().all(|number| number.parse::<f64>().is_ok())
 }
 
 /// The file that a reference means, inside `root`.
@@ -566,6 +579,15 @@ mod tests {
         let p = r.unwrap();
         assert_eq!(p.xml, "<mujoco>\n<asset/><size nstack=\"5\"/>\n<worldbody/></mujoco>");
         assert_eq!(p.parts, 3);
+    }
+
+    #[test]
+    fn numbers_lose_their_outer_spaces() {
+        let key = |qpos: &str| {
+            format!("<mujoco><keyframe><key name='a ' qpos='{qpos}'/></keyframe></mujoco>")
+        };
+        let (_dir, read) = project(&[("main.xml", &key(" 0 1.5\n 2 "))]);
+        assert_eq!(read.unwrap().xml, key("0 1.5\n 2"));
     }
 
     #[test]
