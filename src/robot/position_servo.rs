@@ -108,7 +108,7 @@ impl PositionServo {
         [full * share + 1.0 - self.lead, full * self.coast]
     }
 
-    /// Lowers the lead of servos that act on one robot until they move calmly together when they
+    /// Lowers the leads of servos that act on one robot until they move calmly together when they
     /// cover any of `shares` per frame: in no pose does a disturbance last longer than 1 - share
     /// and [`CALM`] per frame, or than it does if the controls are constant. `inertias` are those
     /// of the state joints in the poses, (S, S) each, and `damping` is that of the joints (S).
@@ -121,8 +121,7 @@ impl PositionServo {
         let frames: Vec<Frame> =
             inertias.iter().filter_map(|mass| Frame::of(servos, mass, damping)).collect();
         let bare: Vec<f64> = frames.iter().map(|frame| lasting(frame.free.clone())).collect();
-        let mut set = |lead: f64| {
-            servos.iter_mut().flatten().for_each(|servo| servo.lead = lead);
+        let calm = |servos: &[Option<PositionServo>]| {
             shares.iter().all(|&share| {
                 let gains: Vec<[f64; 2]> =
                     servos.iter().flatten().map(|servo| servo.gains(share)).collect();
@@ -131,15 +130,32 @@ impl PositionServo {
                 })
             })
         };
-        if set(1.0) {
+        let lead = |servos: &mut [Option<PositionServo>], lead: f64| {
+            servos.iter_mut().flatten().for_each(|servo| servo.lead = lead);
+        };
+        if calm(servos) {
             return;
         }
-        let (mut calm, mut wild) = (0.0, 1.0);
+        let (mut low, mut high) = (0.0, 1.0);
         for _ in 0..LEAD_STEPS {
-            let middle = 0.5 * (calm + wild);
-            *(if set(middle) { &mut calm } else { &mut wild }) = middle;
+            let middle = 0.5 * (low + high);
+            lead(servos, middle);
+            *(if calm(servos) { &mut low } else { &mut high }) = middle;
         }
-        set(calm);
+        lead(servos, low);
+        // The lead of all is that of the most restless servo. The slowest ones need theirs most.
+        let mut order: Vec<usize> = (0..servos.len()).filter(|k| servos[*k].is_some()).collect();
+        let keep = |k: &usize| servos[*k].as_ref().map_or(0.0, |servo| servo.keep);
+        order.sort_by(|a, b| keep(b).total_cmp(&keep(a)));
+        for k in order {
+            for more in [1.0, 0.5 + 0.5 * low] {
+                servos[k].as_mut().expect("chosen above").lead = more;
+                if calm(servos) {
+                    break;
+                }
+                servos[k].as_mut().expect("chosen above").lead = low;
+            }
+        }
     }
 }
 

@@ -3,18 +3,19 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
+use std::sync::Arc;
 
 use roxmltree::Node;
 
 use super::config::{ImportConfig, Servos};
 use super::draft::Draft;
 use super::effort::Efforts;
+use super::servo_damping;
 use super::words::Servo;
 use crate::derive::{ctrlrange, is_motor, state_joints};
 use crate::law::Law;
 use crate::text::{Edits, escape};
 use crate::{Assets, Error, preparse, text};
-use robert_base::units::SIM_DT;
 use robert_mujoco::{Joint, Kind, Model, Transmission};
 
 /// Removes joints that are free only because of a default class, if this was requested; an error
@@ -87,7 +88,7 @@ impl Motor {
 /// Makes every actuator a motor or servo with limits; adds motors if there are none.
 pub(super) fn actuators(
     draft: &mut Draft,
-    model: &Model,
+    model: &Arc<Model>,
     config: &ImportConfig,
 ) -> Result<(), Error> {
     let keep = config.servos == Servos::Keep;
@@ -96,9 +97,14 @@ pub(super) fn actuators(
         law.is_some() && ctrlrange(model, a).is_some()
     };
     let told = draft.words.servos.iter().any(|w| *w != Servo::default());
-    let stiff = keep && (0..model.nu()).any(|a| moved_damping(draft, model, a).is_some());
+    let moved = if keep {
+        let laws: Vec<_> = (0..model.nu()).map(|a| servo_law(draft, model, a)).collect();
+        servo_damping::moved(&laws, model)?
+    } else {
+        BTreeMap::new()
+    };
     let as_it_is = !told
-        && !stiff
+        && moved.is_empty()
         && draft.words.torque.is_empty()
         && draft.effortless.is_empty()
         && (0..model.nu()).all(good);
@@ -132,7 +138,7 @@ pub(super) fn actuators(
         ));
     } else {
         for a in 0..model.nu() {
-            if let Some(m) = motor(draft, model, a, config, &efforts) {
+            if let Some(m) = motor(draft, model, a, config, &efforts, moved.contains_key(&a)) {
                 motors.push(m);
             }
         }
@@ -141,7 +147,7 @@ pub(super) fn actuators(
         let message = "no joint can be driven: all actuators pull at sites or bodies".to_owned();
         return Err(Error::Unfit { message, path: config.source.clone() });
     }
-    let damping = if keep { move_damping(draft, model) } else { BTreeMap::new() };
+    let damping = move_damping(draft, model, &moved);
     let xml = without_actuators(draft, config)?;
     draft.xml = text::with_damping(&xml, &damping).map_err(|_unnamed| Error::Unfit {
         message: "a joint whose servo is damped is not written with its name".to_owned(),
@@ -162,13 +168,14 @@ fn follows(model: &Model, joint: usize) -> bool {
     })
 }
 
-/// The motor in place of an actuator.
+/// The motor in place of an actuator; `undamped` if its damping is that of its joint now.
 fn motor(
     draft: &mut Draft,
     model: &Model,
     a: usize,
     config: &ImportConfig,
     efforts: &Efforts,
+    undamped: bool,
 ) -> Option<Motor> {
     let called = model.name(Kind::Actuator, a);
     let (attribute, target) = match model.transmission(a) {
@@ -196,7 +203,7 @@ fn motor(
     {
         let limit = servo_range(draft, model, a, &law, &name);
         let mut law = law;
-        if moved_damping(draft, model, a).is_some() {
+        if undamped {
             law.bias[2] = 0.0;
         }
         return Some(Motor { name, attribute, target, gear, limit, servo: Some(law), force });
@@ -264,29 +271,15 @@ fn servo_law(draft: &Draft, model: &Model, a: usize) -> Option<Law> {
     Some(law)
 }
 
-/// If a servo's damping must move to its joint, the joint and its new damping. The simulator
-/// integrates the damping of joints implicitly but that of servos explicitly, which diverges on a
-/// light joint.
-fn moved_damping(draft: &Draft, model: &Model, a: usize) -> Option<(usize, f64)> {
-    /// The share of its speed that a servo may remove from a joint in a step.
-    const MOST: f64 = 0.5;
-    let law = servo_law(draft, model, a)?;
-    let Some(Transmission::Joint(joint)) = model.transmission(a) else { return None };
-    let dof = model.jnt_dofadr()[joint] as usize;
-    let gear = model.actuator_gear()[6 * a];
-    let (own, more) = (model.dof_damping()[dof], -gear * gear * law.bias[2]);
-    let resists = model.dof_M0()[dof] + SIM_DT * own;
-    (SIM_DT * more > MOST * resists).then_some((joint, own + more))
-}
-
-/// All of these by name, which are said.
-fn move_damping(draft: &mut Draft, model: &Model) -> BTreeMap<String, f64> {
-    let mut moved = BTreeMap::new();
-    for (joint, damping) in (0..model.nu()).filter_map(|a| moved_damping(draft, model, a)) {
-        if let Some(name) = model.name(Kind::Joint, joint) {
-            moved.insert(name.to_owned(), damping);
-        }
-    }
+/// The new damping of joints by name, which is said.
+fn move_damping(
+    draft: &mut Draft,
+    model: &Model,
+    moved: &BTreeMap<usize, (usize, f64)>,
+) -> BTreeMap<String, f64> {
+    let name = |joint: usize| model.name(Kind::Joint, joint).map(str::to_owned);
+    let moved: BTreeMap<String, f64> =
+        moved.values().filter_map(|(joint, damping)| Some((name(*joint)?, *damping))).collect();
     if !moved.is_empty() {
         let names: Vec<&str> = moved.keys().map(String::as_str).collect();
         draft.changed.push(format!(

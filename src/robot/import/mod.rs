@@ -21,6 +21,7 @@ mod mjcf;
 mod modern;
 mod packages;
 mod plausible;
+mod servo_damping;
 mod unknown;
 mod urdf;
 mod words;
@@ -129,9 +130,9 @@ fn settle_draft(
     let say = |e: Error| named(e, &dir.join(MODEL_FILE), project);
     compile_healed(draft, project, config, dir)?;
     unknown::tell(draft);
-    let mut first = compile(&draft.xml, &draft.assets).map_err(say)?;
+    let mut first = Arc::new(compile(&draft.xml, &draft.assets).map_err(say)?);
     if fix::joints(draft, &first, project, config)? {
-        first = compile(&draft.xml, &draft.assets).map_err(say)?;
+        first = Arc::new(compile(&draft.xml, &draft.assets).map_err(say)?);
         fix::joints(draft, &first, project, config)?;
     }
     fix::actuators(draft, &first, config)?;
