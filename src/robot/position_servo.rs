@@ -118,42 +118,41 @@ impl PositionServo {
         inertias: &[DMatrix<f64>],
         damping: &[f64],
     ) {
+        let mut servos: Vec<&mut PositionServo> = servos.iter_mut().flatten().collect();
         let frames: Vec<Frame> =
-            inertias.iter().filter_map(|mass| Frame::of(servos, mass, damping)).collect();
+            inertias.iter().filter_map(|mass| Frame::of(&servos, mass, damping)).collect();
         let bare: Vec<f64> = frames.iter().map(|frame| lasting(frame.free.clone())).collect();
-        let calm = |servos: &[Option<PositionServo>]| {
+        let calm = |servos: &[&mut PositionServo]| {
             shares.iter().all(|&share| {
-                let gains: Vec<[f64; 2]> =
-                    servos.iter().flatten().map(|servo| servo.gains(share)).collect();
+                let gains: Vec<[f64; 2]> = servos.iter().map(|servo| servo.gains(share)).collect();
                 frames.iter().zip(&bare).all(|(frame, bare)| {
                     frame.lasting(&gains) <= bare.max(CALM).max(1.0 - share) + 1e-6
                 })
             })
         };
-        let lead = |servos: &mut [Option<PositionServo>], lead: f64| {
-            servos.iter_mut().flatten().for_each(|servo| servo.lead = lead);
+        let lead = |servos: &mut [&mut PositionServo], lead: f64| {
+            servos.iter_mut().for_each(|servo| servo.lead = lead);
         };
-        if calm(servos) {
+        if calm(&servos) {
             return;
         }
         let (mut low, mut high) = (0.0, 1.0);
         for _ in 0..LEAD_STEPS {
             let middle = 0.5 * (low + high);
-            lead(servos, middle);
-            *(if calm(servos) { &mut low } else { &mut high }) = middle;
+            lead(&mut servos, middle);
+            *(if calm(&servos) { &mut low } else { &mut high }) = middle;
         }
-        lead(servos, low);
+        lead(&mut servos, low);
         // The lead of all is that of the most restless servo. The slowest ones need theirs most.
-        let mut order: Vec<usize> = (0..servos.len()).filter(|k| servos[*k].is_some()).collect();
-        let keep = |k: &usize| servos[*k].as_ref().map_or(0.0, |servo| servo.keep);
-        order.sort_by(|a, b| keep(b).total_cmp(&keep(a)));
+        let mut order: Vec<usize> = (0..servos.len()).collect();
+        order.sort_by(|a, b| servos[*b].keep.total_cmp(&servos[*a].keep));
         for k in order {
             for more in [1.0, 0.5 + 0.5 * low] {
-                servos[k].as_mut().expect("chosen above").lead = more;
-                if calm(servos) {
+                servos[k].lead = more;
+                if calm(&servos) {
                     break;
                 }
-                servos[k].as_mut().expect("chosen above").lead = low;
+                servos[k].lead = low;
             }
         }
     }
@@ -172,19 +171,16 @@ struct Frame {
 
 impl Frame {
     /// `None` if the inertia is singular.
-    fn of(servos: &[Option<PositionServo>], mass: &DMatrix<f64>, damping: &[f64]) -> Option<Frame> {
-        let servos: Vec<&PositionServo> = servos.iter().flatten().collect();
+    fn of(servos: &[&mut PositionServo], mass: &DMatrix<f64>, damping: &[f64]) -> Option<Frame> {
         let mut joints: Vec<usize> =
             servos.iter().flat_map(|servo| servo.arms.iter().map(|(joint, _)| *joint)).collect();
         joints.sort_unstable();
         joints.dedup();
         let n = joints.len();
-        let mut arms = DMatrix::zeros(servos.len(), n);
-        for (row, servo) in servos.iter().enumerate() {
-            for (joint, arm) in &servo.arms {
-                arms[(row, joints.binary_search(joint).expect("collected above"))] = *arm;
-            }
-        }
+        let arms = DMatrix::from_fn(servos.len(), n, |row, column| {
+            let arm = servos[row].arms.iter().find(|(joint, _)| *joint == joints[column]);
+            arm.map_or(0.0, |(_, arm)| *arm)
+        });
         let of_law = |bias: usize| {
             let each = servos.iter().map(|servo| -servo.law.bias[bias]);
             DMatrix::from_diagonal(&DVector::from_iterator(servos.len(), each))
@@ -247,18 +243,17 @@ mod tests {
 
     /// Three links in a row on servos of stiffness 200 N m/rad.
     fn chain(damping: f64) -> Data {
-        let mut links = String::new();
-        let mut servos = String::new();
-        for k in 0..3 {
-            links += &format!(
+        let link = |k: usize| {
+            format!(
                 r#"<body pos="{x} 0 0"><joint name="j{k}" axis="0 1 0" damping="{damping}"/>
                 <geom type="capsule" fromto="0 0 0 .3 0 0" size=".03" mass="1" contype="0"/>"#,
                 x = if k == 0 { 0.0 } else { 0.3 },
-            );
-            servos += &format!(
-                r#"<position joint="j{k}" kp="200" ctrllimited="true" ctrlrange="-3 3"/>"#
-            );
-        }
+            )
+        };
+        let servo =
+            |k| format!(r#"<position joint="j{k}" kp="200" ctrllimited="true" ctrlrange="-3 3"/>"#);
+        let links: String = (0..3).map(link).collect();
+        let servos: String = (0..3).map(servo).collect();
         let text = format!(
             r#"<mujoco><option timestep="{SIM_DT}" gravity="0 0 0" integrator="Euler"/>
             <worldbody>{links}</body></body></body></worldbody>
@@ -331,7 +326,8 @@ mod tests {
     fn a_frame_is_its_substeps() {
         let mut data = chain(1.0);
         let mass = inertia(&mut data);
-        let servos = servos(&data, &mass);
+        let mut servos = servos(&data, &mass);
+        let servos: Vec<&mut PositionServo> = servos.iter_mut().flatten().collect();
         let frame = Frame::of(&servos, &mass, &[1.0; 3]).unwrap();
         data.set_qpos(&[1e-4, -2e-4, 1e-4]).unwrap();
         data.set_qvel(&[1e-3, 0.0, -1e-3]).unwrap();
