@@ -392,12 +392,13 @@ impl Robot {
         folder: Option<PathBuf>,
     ) -> Result<Robot, Error> {
         let mismatch = |message: String| Error::Mismatch { message, path: path.to_owned() };
-        let mjcf = text::with_damping(xml, &written.physics.damping).map_err(|e| match e {
-            text::DampingError::Xml(e) => mismatch(format!("the model does not parse: {e}")),
-            text::DampingError::NoJoint(name) => mismatch(format!(
-                "physics.damping contains joint \"{name}\", which the model does not have"
-            )),
-        })?;
+        let mjcf =
+            text::with_joints(xml, "damping", &written.physics.damping).map_err(|e| match e {
+                text::JointsError::Xml(e) => mismatch(format!("the model does not parse: {e}")),
+                text::JointsError::NoJoint(name) => mismatch(format!(
+                    "physics.damping contains joint \"{name}\", which the model does not have"
+                )),
+            })?;
         let stepped = if written.physics.discard_visual {
             text::discard_visual(&mjcf)
                 .map_err(|e| mismatch(format!("the model does not parse: {e}")))?

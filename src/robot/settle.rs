@@ -7,7 +7,7 @@
 //! finger joints, whose time constant is 6 ms.
 
 use super::{Error, Law, Robot};
-use robert_base::units::SUBSTEPS;
+use robert_base::units::{CTRL_DT, SUBSTEPS};
 use robert_mujoco::{Data, Model};
 
 use nalgebra::{DMatrix, DVector};
@@ -49,7 +49,7 @@ impl Robot {
         let mut data = Data::new(self.model())?;
         self.write_state(&mut data, start)?;
         data.forward()?;
-        let mut drive = Drive::new(self, target);
+        let mut drive = Drive::new(self, start, target);
         let steps = self.profile().settle.frames as usize * SUBSTEPS;
         for _ in 0..steps {
             let ctrl = drive.ctrl(self, &data);
@@ -80,6 +80,12 @@ impl Robot {
 /// The constants of the drive.
 struct Drive {
     target: Vec<f64>,
+    /// The place of each joint on its way to the target. A position servo without a force limit
+    /// would throw a light finger to a distant target.
+    place: Vec<f64>,
+    /// The way of each joint in a step: at its speed limit, or faster if it would not be there after
+    /// half of the time.
+    pace: Vec<f64>,
     /// The law of each actuator. An actuator without one gets its length at the target as its
     /// control.
     laws: Vec<Option<Law>>,
@@ -87,26 +93,34 @@ struct Drive {
 }
 
 impl Drive {
-    fn new(robot: &Robot, target: &[f64]) -> Drive {
+    fn new(robot: &Robot, start: &[f64], target: &[f64]) -> Drive {
         let laws = robot.actuators().iter().map(|a| a.law).collect();
         let limit = robot.actuators().iter().map(|a| a.ctrlrange).collect();
-        Drive { target: target.to_vec(), laws, limit }
+        let half = 0.5 * f64::from(robot.profile().settle.frames) * CTRL_DT;
+        let ways = target.iter().zip(start).map(|(to, from)| (to - from).abs());
+        let pace = ways
+            .zip(robot.joints())
+            .map(|(way, joint)| joint.speed_limit.max(way / half) * robot.model().timestep())
+            .collect();
+        Drive { target: target.to_vec(), place: start.to_vec(), pace, laws, limit }
     }
 
     /// The controls whose joint forces are nearest (least squares) to the wanted ones. A position
-    /// servo is commanded to the length that it has at the target, corrected for the deflection by
-    /// its load.
+    /// servo is commanded to the length that it has at the joints' places on the way, corrected for
+    /// the deflection by its load.
     fn ctrl(&mut self, robot: &Robot, data: &Data) -> Vec<f64> {
         let model: &Model = robot.model();
         let (nu, nv) = (model.nu(), model.nv());
         let settle = &robot.profile().settle;
         let load = DVector::from_column_slice(data.qfrc_bias());
         let mut wanted = load.clone();
-        let mut error = DVector::zeros(nv);
+        let mut ahead = DVector::zeros(nv);
         let speed = DVector::from_column_slice(data.qvel());
         for (i, joint) in robot.joints().iter().enumerate() {
             let e = self.target[i] - data.qpos()[joint.qposadr];
-            error[joint.dofadr] = e;
+            let most = self.pace[i];
+            self.place[i] += (self.target[i] - self.place[i]).clamp(-most, most);
+            ahead[joint.dofadr] = self.place[i] - data.qpos()[joint.qposadr];
             wanted[joint.dofadr] += settle.kp[i] * e - settle.kd[i] * data.qvel()[joint.dofadr];
         }
         let moment = DMatrix::from_row_slice(nu, nv, data.actuator_moment());
@@ -115,7 +129,7 @@ impl Drive {
         // Without a factor (moments that are not finite) no force is asked for.
         let forces = |joint: &DVector<f64>| factor.as_ref().map(|c| c.solve(&(&moment * joint)));
         let (force, carried) = (forces(&wanted), forces(&load));
-        let (length, speed) = (&moment * &error, &moment * &speed);
+        let (length, speed) = (&moment * &ahead, &moment * &speed);
         (0..nu)
             .map(|a| {
                 let of = |f: &Option<DVector<f64>>| f.as_ref().map_or(0.0, |f| f[a]);

@@ -105,43 +105,45 @@ pub(super) fn insert_first(edits: &mut Edits, root: roxmltree::Node<'_, '_>, ele
     }
 }
 
-/// The same model with other joint damping, by joint name. Unknown names are returned as the error.
-pub(super) fn with_damping(
+/// The same model with another value of an attribute of joints, by joint name. Unknown names are
+/// returned as the error.
+pub(super) fn with_joints(
     xml: &str,
-    damping: &BTreeMap<String, f64>,
-) -> Result<String, DampingError> {
-    if damping.is_empty() {
+    attribute: &str,
+    values: &BTreeMap<String, f64>,
+) -> Result<String, JointsError> {
+    if values.is_empty() {
         return Ok(xml.to_owned());
     }
     let doc = roxmltree::Document::parse(xml)?;
     let mut edits = Edits::default();
-    let mut left: Vec<&String> = damping.keys().collect();
+    let mut left: Vec<&String> = values.keys().collect();
     for node in doc.descendants().filter(|n| n.has_tag_name("joint")) {
         let inside_body = node.parent().is_some_and(|p| p.has_tag_name("body"));
         let Some(name) = node.attribute("name").filter(|_| inside_body) else { continue };
-        if let Some(value) = damping.get(name) {
-            edits.set(node, "damping", &value.to_string());
+        if let Some(value) = values.get(name) {
+            edits.set(node, attribute, &value.to_string());
             left.retain(|n| *n != name);
         }
     }
     match left.first() {
-        Some(name) => Err(DampingError::NoJoint((*name).clone())),
+        Some(name) => Err(JointsError::NoJoint((*name).clone())),
         None => Ok(edits.apply(xml)),
     }
 }
 
-/// Why damping could not be set.
+/// Why an attribute of joints could not be set.
 #[derive(Debug)]
-pub(super) enum DampingError {
+pub(super) enum JointsError {
     /// The XML does not parse.
     Xml(roxmltree::Error),
     /// No joint of that name.
     NoJoint(String),
 }
 
-impl From<roxmltree::Error> for DampingError {
+impl From<roxmltree::Error> for JointsError {
     fn from(e: roxmltree::Error) -> Self {
-        DampingError::Xml(e)
+        JointsError::Xml(e)
     }
 }
 
@@ -153,7 +155,7 @@ mod tests {
     fn edits_leave_the_rest_alone() {
         let xml = "<mujoco>\n  <!-- note -->\n  <compiler angle=\"radian\"/>\n  <worldbody><body><joint name=\"a\" damping=\"3\"/><joint name=\"b\"/></body></worldbody>\n</mujoco>";
         let set = BTreeMap::from([("a".to_owned(), 7.5), ("b".to_owned(), 2.0)]);
-        let out = with_damping(xml, &set).unwrap();
+        let out = with_joints(xml, "damping", &set).unwrap();
         assert_eq!(
             out,
             xml.replace("damping=\"3\"", "damping=\"7.5\"")
@@ -169,7 +171,7 @@ mod tests {
     #[test]
     fn a_joint_that_is_not_there_is_named() {
         let set = BTreeMap::from([("elbow".to_owned(), 1.0)]);
-        let e = with_damping("<mujoco/>", &set).unwrap_err();
-        assert!(matches!(e, DampingError::NoJoint(n) if n == "elbow"));
+        let e = with_joints("<mujoco/>", "damping", &set).unwrap_err();
+        assert!(matches!(e, JointsError::NoJoint(n) if n == "elbow"));
     }
 }

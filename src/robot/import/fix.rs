@@ -7,10 +7,10 @@ use std::sync::Arc;
 
 use roxmltree::Node;
 
+use super::bearable::Bearable;
 use super::config::{ImportConfig, Servos};
 use super::draft::Draft;
 use super::effort::Efforts;
-use super::servo_damping;
 use super::words::Servo;
 use crate::derive::{ctrlrange, is_motor, state_joints};
 use crate::law::Law;
@@ -97,14 +97,14 @@ pub(super) fn actuators(
         law.is_some() && ctrlrange(model, a).is_some()
     };
     let told = draft.words.servos.iter().any(|w| *w != Servo::default());
-    let moved = if keep {
+    let changes = if keep {
         let laws: Vec<_> = (0..model.nu()).map(|a| servo_law(draft, model, a)).collect();
-        servo_damping::moved(&laws, model)?
+        Bearable::of(&laws, model)?
     } else {
-        BTreeMap::new()
+        Bearable::default()
     };
     let as_it_is = !told
-        && moved.is_empty()
+        && changes.is_empty()
         && draft.words.torque.is_empty()
         && draft.effortless.is_empty()
         && (0..model.nu()).all(good);
@@ -138,7 +138,9 @@ pub(super) fn actuators(
         ));
     } else {
         for a in 0..model.nu() {
-            if let Some(m) = motor(draft, model, a, config, &efforts, moved.contains_key(&a)) {
+            if let Some(m) =
+                motor(draft, model, a, config, &efforts, changes.damping.contains_key(&a))
+            {
                 motors.push(m);
             }
         }
@@ -147,12 +149,15 @@ pub(super) fn actuators(
         let message = "no joint can be driven: all actuators pull at sites or bodies".to_owned();
         return Err(Error::Unfit { message, path: config.source.clone() });
     }
-    let damping = move_damping(draft, model, &moved);
-    let xml = without_actuators(draft, config)?;
-    draft.xml = text::with_damping(&xml, &damping).map_err(|_unnamed| Error::Unfit {
-        message: "a joint whose servo is damped is not written with its name".to_owned(),
-        path: config.source.clone(),
-    })?;
+    let (damping, armature) = changed_joints(draft, model, &changes);
+    let mut xml = without_actuators(draft, config)?;
+    for (attribute, values) in [("damping", damping), ("armature", armature)] {
+        xml = text::with_joints(&xml, attribute, &values).map_err(|_unnamed| Error::Unfit {
+            message: "the joint of a servo is not written with its name".to_owned(),
+            path: config.source.clone(),
+        })?;
+    }
+    draft.xml = xml;
     let mut section = String::from("<actuator>");
     motors.iter().for_each(|m| m.write(&mut section));
     section.push_str("</actuator>");
@@ -271,24 +276,41 @@ fn servo_law(draft: &Draft, model: &Model, a: usize) -> Option<Law> {
     Some(law)
 }
 
-/// The new damping of joints by name, which is said.
-fn move_damping(
+/// The new damping and armature of joints by name, which are said.
+fn changed_joints(
     draft: &mut Draft,
     model: &Model,
-    moved: &BTreeMap<usize, (usize, f64)>,
-) -> BTreeMap<String, f64> {
+    changes: &Bearable,
+) -> (BTreeMap<String, f64>, BTreeMap<String, f64>) {
     let name = |joint: usize| model.name(Kind::Joint, joint).map(str::to_owned);
-    let moved: BTreeMap<String, f64> =
-        moved.values().filter_map(|(joint, damping)| Some((name(*joint)?, *damping))).collect();
-    if !moved.is_empty() {
-        let names: Vec<&str> = moved.keys().map(String::as_str).collect();
+    let damping: BTreeMap<String, f64> = changes
+        .damping
+        .values()
+        .filter_map(|(joint, value)| Some((name(*joint)?, *value)))
+        .collect();
+    let armature: BTreeMap<String, f64> = changes
+        .armature
+        .iter()
+        .filter_map(|(joint, value)| Some((name(*joint)?, *value)))
+        .collect();
+    if !damping.is_empty() {
+        let names: Vec<&str> = damping.keys().map(String::as_str).collect();
         draft.changed.push(format!(
             "the damping of servos became that of their joints, where steps of 5 ms would not \
              bear it: {}",
             names.join(", ")
         ));
     }
-    moved
+    if !armature.is_empty() {
+        let names: Vec<String> =
+            armature.iter().map(|(name, value)| format!("{name} {value}")).collect();
+        draft.changed.push(format!(
+            "joints got more armature, where steps of 5 ms would not bear the stiffness of their \
+             servos: {}",
+            names.join(", ")
+        ));
+    }
+    (damping, armature)
 }
 
 /// The control range of a servo: its own, else the range of its joint or tendon, else a guess.

@@ -79,6 +79,8 @@ const UNKNOWN: &[(&str, &str)] = &[
     ("compiler", "assetdir"),
     ("compiler", "saveinertial"),
     ("size", "memory"),
+    ("material", "metallic"),
+    ("material", "roughness"),
     ("mesh", "content_type"),
     ("mesh", "inertia"),
     ("mesh", "maxhullvert"),

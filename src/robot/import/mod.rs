@@ -8,6 +8,7 @@
 //! Rejected: `MuJoCo`'s own URDF loader, which drops effort, velocity and mimic, cuts
 //! `package://` paths to the base name and makes no actuators.
 
+mod bearable;
 mod classes;
 mod config;
 mod contacts;
@@ -21,7 +22,6 @@ mod mjcf;
 mod modern;
 mod packages;
 mod plausible;
-mod servo_damping;
 mod unknown;
 mod urdf;
 mod words;

@@ -1,0 +1,148 @@
+//! What steps of 5 ms do not bear in servos, and how joints change so that they do.
+//!
+//! The simulator integrates the damping of joints implicitly, but damping and stiffness of servos
+//! explicitly. It diverges where a servo takes more than its speed from a joint within a step, and
+//! where a servo swings a joint faster than the steps can follow. Such damping becomes that of the
+//! joint, and such joints get armature. Both depend on the pose: two links that fold onto each other
+//! can turn their common joint almost without inertia.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use nalgebra::DMatrix;
+
+use crate::Error;
+use crate::derive::digits;
+use crate::golden::spread;
+use crate::law::Law;
+use robert_base::units::SIM_DT;
+use robert_mujoco::{Data, Model, Transmission};
+
+/// The share of its speed that a servo may remove from a joint in a step.
+const MOST: f64 = 0.5;
+/// The phase by which a servo may swing a joint in a step, rad. The limit of the integrator is 2
+/// for a joint by itself, and less if several swing together.
+const SWING: f64 = 1.0;
+/// The number of digits of a written armature.
+const DIGITS: i32 = 3;
+/// Poses besides that of the file.
+const POSES: usize = 16;
+/// Range of an unbounded joint around its place in the file: rad or m.
+const UNBOUNDED: f64 = 1.5;
+
+/// The changes that a model needs.
+#[derive(Debug, Default, PartialEq)]
+pub(super) struct Bearable {
+    /// The joint of each actuator whose damping must move there, and the joint's new damping.
+    pub(super) damping: BTreeMap<usize, (usize, f64)>,
+    /// The new armature of joints.
+    pub(super) armature: BTreeMap<usize, f64>,
+}
+
+impl Bearable {
+    /// The changes for these laws of the actuators.
+    ///
+    /// # Errors
+    /// [`Error::Simulator`].
+    pub(super) fn of(laws: &[Option<Law>], model: &Arc<Model>) -> Result<Bearable, Error> {
+        let mut all = Bearable::default();
+        if laws.iter().flatten().all(Law::is_motor) {
+            return Ok(all);
+        }
+        let mut least = least_inertias(model)?;
+        for (a, law) in laws.iter().enumerate() {
+            let (Some(law), Some(Transmission::Joint(joint))) = (law, model.transmission(a)) else {
+                continue;
+            };
+            let dof = model.jnt_dofadr()[joint] as usize;
+            let square = model.actuator_gear()[6 * a].powi(2);
+            let (stiffness, damping) = (-square * law.bias[1], -square * law.bias[2]);
+            if SIM_DT * damping > MOST * least[dof] {
+                all.damping.insert(a, (joint, model.dof_damping()[dof] + damping));
+                least[dof] += SIM_DT * damping;
+            }
+            let needed = (SIM_DT / SWING).powi(2) * stiffness;
+            if needed > least[dof] {
+                let armature = model.dof_armature()[dof] + needed - least[dof];
+                all.armature.insert(joint, digits(armature, DIGITS));
+            }
+        }
+        Ok(all)
+    }
+
+    /// Whether nothing changes.
+    pub(super) fn is_empty(&self) -> bool {
+        *self == Bearable::default()
+    }
+}
+
+/// The smallest inertia that a degree of freedom shows a fast force, with all others free to move,
+/// in the pose of the file and others across the ranges; (nv). It includes what a step of its
+/// damping adds.
+fn least_inertias(model: &Arc<Model>) -> Result<Vec<f64>, Error> {
+    let nv = model.nv();
+    let mut data = Data::new(model)?;
+    let mut least = vec![f64::INFINITY; nv];
+    let mut mass = vec![0.0; nv * nv];
+    for pose in 0..=POSES {
+        let mut qpos = model.qpos0().to_vec();
+        if pose < POSES {
+            for joint in 0..model.jnt_type().len() {
+                let at = model.jnt_qposadr()[joint] as usize;
+                let range = if model.jnt_limited()[joint] != 0 {
+                    [model.jnt_range()[2 * joint], model.jnt_range()[2 * joint + 1]]
+                } else {
+                    [qpos[at] - UNBOUNDED, qpos[at] + UNBOUNDED]
+                };
+                qpos[at] = spread(joint, pose, range);
+            }
+        }
+        data.set_qpos(&qpos)?;
+        data.forward()?;
+        data.full_mass(&mut mass)?;
+        let damped = DMatrix::from_fn(nv, nv, |r, c| {
+            let own = if r == c { SIM_DT * model.dof_damping()[r] } else { 0.0 };
+            mass[r * nv + c] + own
+        });
+        // Singular where a link has no inertia at all; then the joint's own entry is zero.
+        let mobility = damped.clone().try_inverse();
+        for (dof, least) in least.iter_mut().enumerate() {
+            let here = match &mobility {
+                Some(mobility) => 1.0 / mobility[(dof, dof)].max(f64::MIN_POSITIVE),
+                None => damped[(dof, dof)],
+            };
+            *least = least.min(here);
+        }
+    }
+    Ok(least)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two links in a row: a slow force turns both, a fast one bends the joint between them.
+    #[test]
+    fn a_link_that_can_bend_is_lighter_than_its_inertia() {
+        let link = r#"<inertial pos=".3 0 0" mass="1" diaginertia="1e-3 1e-3 1e-3"/>"#;
+        let text = format!(
+            r#"<mujoco><worldbody><body><joint name="a" axis="0 1 0"/>{link}
+            <body pos=".3 0 0"><joint name="b" axis="0 1 0"/>{link}</body></body></worldbody>
+            <actuator><motor joint="a"/></actuator></mujoco>"#
+        );
+        let model = Arc::new(Model::from_xml(&text).unwrap());
+        let least = least_inertias(&model).unwrap();
+        assert!(4.0 * least[0] < model.dof_M0()[0], "{least:?} {:?}", model.dof_M0());
+        let changes = |kp: f64, kv: f64| {
+            Bearable::of(&[Some(Law { gain: kp, bias: [0.0, -kp, -kv] })], &model).unwrap()
+        };
+        // By its inertia alone, 45 N m s/rad would do.
+        assert_eq!(changes(80.0, 12.0).damping.get(&0), Some(&(0, 12.0)));
+        assert!(changes(80.0, 1.0).is_empty());
+        assert!(changes(0.0, 0.0).is_empty());
+        let stiff = changes(8000.0, 0.0);
+        assert!(stiff.damping.is_empty());
+        let missing = 8000.0 * SIM_DT * SIM_DT - least[0];
+        assert!((stiff.armature[&0] / missing - 1.0).abs() < 1e-2, "{stiff:?} {missing}");
+    }
+}
