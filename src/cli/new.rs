@@ -31,8 +31,9 @@ use crate::rollout::{
     shipped, tasks,
 };
 use crate::train::evaluator::SuiteEvaluator;
+use crate::train::penalty::{self, Choice};
+use crate::train::read_config;
 use crate::train::{ContactTarget, Evaluate, Finished, Options, TrainConfig, train};
-use crate::train::{penalty, read_config};
 use crate::units::count;
 
 /// Steps of the run that measures the speed of this machine.
@@ -157,11 +158,11 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     say("3 fit: the closed form for every gap");
     if !model_path(&places.instant).is_file() {
         let usual = TrainConfig { seed: args.seed, ..TrainConfig::preset("instant")? };
-        let ridge_penalty = match evaluator(&robot, threads)? {
+        let choice = match evaluator(&robot, threads)? {
             Some(mut judge) => penalty::choose(&data, &usual, threads, &mut judge, &cancel)?,
-            None => None,
+            None => Choice::default(),
         };
-        let cfg = TrainConfig { ridge_penalty, ..usual };
+        let cfg = choice.on(usual);
         let options = options(&places.instant, threads, &Silent, &cancel, None);
         train(&data, &cfg, options)?;
         go_on(&cancel)?;
@@ -269,12 +270,14 @@ fn teach(
     let cfg = if places.run.join("config.toml").is_file() {
         read_config(&places.run)?
     } else {
+        let instant = read_config(&places.instant)?;
         let preset = TrainConfig {
             // A robot that babbles rests against itself more than one under noise.
             contact_weight: 1.0,
             contact_target: ContactTarget::Linear,
             seed: args.seed,
-            ridge_penalty: read_config(&places.instant)?.ridge_penalty,
+            ridge_penalty: instant.ridge_penalty,
+            leave_pressing: instant.leave_pressing,
             ..TrainConfig::preset(&args.preset)?
         };
         // A few steps, which are thrown away, measure the speed of this machine.

@@ -97,6 +97,10 @@ pub struct TrainConfig {
     /// inputs. See [`super::penalty`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ridge_penalty: Option<f64>,
+    /// Whether frames that press instead of moving count as self-contact although none is recorded:
+    /// frames whose action is far from a linear function of the positions around them.
+    #[serde(default)]
+    pub leave_pressing: bool,
     /// The tasks that choose the best checkpoint.
     #[serde(default)]
     pub select: Select,
@@ -163,6 +167,7 @@ impl Default for TrainConfig {
             contact_target: ContactTarget::Action,
             reach: true,
             ridge_penalty: None,
+            leave_pressing: false,
             select: Select::Tasks,
             seed: 0,
         }

@@ -18,6 +18,7 @@ pub mod paths;
 pub mod penalty;
 pub mod points;
 pub mod prepare;
+mod pressing;
 pub mod record;
 pub mod run;
 mod source;

@@ -1,11 +1,13 @@
-//! Chooses the penalty of the linear prediction in closed loop.
+//! Chooses the penalty of the linear prediction in closed loop, and the frames that it learns from.
 //!
 //! The linear map that fits recorded motion best may have so much gain that it oscillates on a
 //! robot with light joints behind heavy ones: it answers every error with the torque that would
-//! remove it within one frame. A larger penalty lowers the gain. Only simulation shows which
-//! penalty is best, so the candidates perform the evaluator's clips.
+//! remove it within one frame. A larger penalty lowers the gain. Frames that press instead of moving
+//! spoil the map on some robots, and on others they are merely fast. Only simulation shows what is
+//! best, so the candidates perform the evaluator's clips.
 
 use super::prepare::{Side, assemble, ridge_config, tokeniser};
+use super::pressing::Pressing;
 use super::{Error, Evaluate, TrainConfig};
 use robert_base::progress::Cancel;
 use robert_dataset::{Dataset, Part};
@@ -14,11 +16,30 @@ use robert_net::ridge::Ridge;
 use robert_net::{Model, SkipKind};
 
 /// Penalties per sample that are tried besides the usual one.
-const CANDIDATES: [f64; 3] = [1e-3, 1e-2, 5e-2];
-/// Another penalty is chosen if its error is below this share of the usual one's.
+const CANDIDATES: [f64; 4] = [1e-6, 1e-3, 1e-2, 5e-2];
+/// Another fit is chosen if its error is below this share of the usual one's.
 const WORTH: f64 = 0.9;
+/// The share of frames that press from which fits without them are tried.
+const SEVERAL: f64 = 0.01;
 
-/// The best penalty per sample; `None` if the usual one is best, or without a linear prediction.
+/// Settings of the linear prediction that differ from the usual ones.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Choice {
+    /// Penalty per sample; `None` is the usual one.
+    pub ridge_penalty: Option<f64>,
+    /// Whether frames that press are left out.
+    pub leave_pressing: bool,
+}
+
+impl Choice {
+    /// Settings with this choice.
+    pub fn on(self, cfg: TrainConfig) -> TrainConfig {
+        let Choice { ridge_penalty, leave_pressing } = self;
+        TrainConfig { ridge_penalty, leave_pressing, ..cfg }
+    }
+}
+
+/// The best choice; the usual settings without a linear prediction.
 ///
 /// # Errors
 /// [`Error::Net`]; [`Error::Evaluation`] with the evaluator's message.
@@ -28,35 +49,44 @@ pub fn choose(
     threads: usize,
     evaluator: &mut dyn Evaluate,
     cancel: &Cancel,
-) -> Result<Option<f64>, Error> {
+) -> Result<Choice, Error> {
     if cfg.skip == SkipKind::Off {
-        return Ok(None);
+        return Ok(Choice::default());
     }
     let tokens = tokeniser(data, cfg)?;
     let fit = ridge_config(cfg, &tokens);
-    let train = Side::new(data, Part::Train, cfg.seed);
-    let [a, b, c] = CANDIDATES;
-    let penalties = [fit.lambda_per_sample, a, b, c];
-    let mut ridges = Ridge::fit_each(&tokens, &train, &fit, &penalties, threads, cancel)?;
-    let others = ridges.split_off(1);
-    let (card, net, encoder) = assemble(data, cfg, ridges.pop(), threads)?;
+    let penalties: Vec<f64> = [fit.lambda_per_sample].into_iter().chain(CANDIDATES).collect();
+    let all = || Side::new(data, Part::Train, cfg.seed);
+    let fits = |side: &Side<'_>| Ridge::fit_each(&tokens, side, &fit, &penalties, threads, cancel);
+    let mut candidates = Vec::new();
+    let mut add = |ridges: Vec<Ridge>, leave_pressing: bool| {
+        let penalties = [None].into_iter().chain(CANDIDATES.map(Some));
+        let choices = penalties.map(|ridge_penalty| Choice { ridge_penalty, leave_pressing });
+        candidates.extend(choices.zip(ridges));
+    };
+    add(fits(&all())?, false);
+    let pressing = Pressing::find(data, cfg.seed);
+    if pressing.share() >= SEVERAL {
+        add(fits(&all().without(pressing))?, true);
+    }
+    let (card, net, encoder) =
+        assemble(data, cfg, candidates.first().map(|(_, usual)| usual.clone()), threads)?;
     let mut model = Model { card, net, encoder, optimiser: None };
-    let mut error = |model: &Model| -> Result<f64, Error> {
+    let mut best = (Choice::default(), f64::INFINITY);
+    for (choice, ridge) in candidates {
+        model.encoder = Encoder::new(model.encoder.tokens, Some(ridge))?;
         let found = evaluator
-            .evaluate_linear(model, cancel)
+            .evaluate_linear(&model, cancel)
             .map_err(|why| Error::Evaluation { step: 0, why })?;
         // Without its errors there is no choice.
         if cancel.is_cancelled() {
             return Err(robert_net::Error::Stopped.into());
         }
-        Ok(found.map_or(f64::INFINITY, |e| e.precision))
-    };
-    let mut best = (None, WORTH * error(&model)?);
-    for (penalty, ridge) in CANDIDATES.into_iter().zip(others) {
-        model.encoder = Encoder::new(model.encoder.tokens, Some(ridge))?;
-        let precision = error(&model)?;
-        if precision < best.1 {
-            best = (Some(penalty), precision);
+        let precision = found.map_or(f64::INFINITY, |e| e.precision);
+        if choice == Choice::default() {
+            best.1 = WORTH * precision;
+        } else if precision < best.1 {
+            best = (choice, precision);
         }
     }
     Ok(best.0)
@@ -111,8 +141,13 @@ mod tests {
         for likes_small in [true, false] {
             let mut judge = Judge { likes_small, seen: Vec::new() };
             let found = choose(&data, &cfg, 2, &mut judge, &Cancel::default()).unwrap();
-            assert!(judge.seen.windows(2).all(|w| w[1] < w[0]), "{:?}", judge.seen);
-            assert_eq!(found, likes_small.then_some(CANDIDATES[2]));
+            // With all frames, then without those at the walls.
+            assert_eq!(judge.seen.len(), 10);
+            for seen in judge.seen.chunks(5) {
+                assert!(seen.windows(2).all(|w| w[1] < w[0]), "{seen:?}");
+            }
+            let ridge_penalty = likes_small.then_some(CANDIDATES[3]);
+            assert_eq!(found, Choice { ridge_penalty, leave_pressing: false });
         }
         let stopped = choose(&data, &cfg, 2, &mut Stopper, &Cancel::default());
         assert!(matches!(stopped, Err(Error::Net(robert_net::Error::Stopped))), "{stopped:?}");

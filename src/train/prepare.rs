@@ -1,6 +1,7 @@
 //! Prepares a network for training from a dataset and settings: normaliser, linear fit and action
 //! centres, all from the training split alone.
 
+use super::pressing::Pressing;
 use super::{Error, TrainConfig};
 use robert_base::json;
 use robert_base::progress::Cancel;
@@ -20,12 +21,25 @@ const ACTIONS: usize = 400_000;
 pub struct Side<'a> {
     data: &'a Dataset,
     episodes: Vec<usize>,
+    /// Frames that count as contact too.
+    pressing: Option<Pressing>,
 }
 
 impl<'a> Side<'a> {
     /// Trajectories of one part.
     pub fn new(data: &'a Dataset, part: Part, seed: u64) -> Self {
-        Side { data, episodes: data.part(part, seed) }
+        Side { data, episodes: data.part(part, seed), pressing: None }
+    }
+
+    /// The trajectories that these settings train on, and what counts as contact.
+    pub(super) fn of(data: &'a Dataset, cfg: &TrainConfig) -> Self {
+        let pressing = cfg.leave_pressing.then(|| Pressing::find(data, cfg.seed));
+        Side { pressing, ..Side::new(data, Part::Train, cfg.seed) }
+    }
+
+    /// The same with these frames as contact.
+    pub(super) fn without(self, pressing: Pressing) -> Self {
+        Side { pressing: Some(pressing), ..self }
     }
 
     fn frames(&self, episode: usize) -> (&'a [f32], &'a [f32]) {
@@ -48,8 +62,10 @@ impl Episodes for Side<'_> {
         self.frames(episode).1
     }
     fn in_contact(&self, episode: usize, frame: usize) -> bool {
-        let at = self.episodes.get(episode).and_then(|&i| self.data.episodes().get(i));
-        at.and_then(|e| self.data.self_contact(e).get(frame)).is_some_and(|&c| c != 0)
+        let Some(&at) = self.episodes.get(episode) else { return false };
+        let seen = self.data.episodes().get(at).map(|e| self.data.self_contact(e));
+        seen.and_then(|flags| flags.get(frame)).is_some_and(|&c| c != 0)
+            || self.pressing.as_ref().is_some_and(|pressing| pressing.at(at, frame))
     }
 }
 
@@ -74,7 +90,7 @@ pub fn prepare(
         None
     } else {
         let tokens = tokeniser(data, cfg)?;
-        let train = Side::new(data, Part::Train, cfg.seed);
+        let train = Side::of(data, cfg);
         Some(Ridge::fit(&tokens, &train, &ridge_config(cfg, &tokens), threads, cancel)?)
     };
     assemble(data, cfg, ridge, threads)
@@ -103,7 +119,7 @@ pub(super) fn assemble(
     let robot = &data.manifest().robot;
     let (norm, _) = normaliser(data, cfg.seed);
     let tokens = tokeniser(data, cfg)?;
-    let train = Side::new(data, Part::Train, cfg.seed);
+    let train = Side::of(data, cfg);
     let encoder = Encoder::new(tokens, ridge)?;
     let actions = encoder.tokens.facts().actions;
     let net_cfg = cfg.net_config(encoder.inputs(), actions, encoder.tokens.mask_replaces());

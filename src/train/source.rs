@@ -5,6 +5,7 @@ use std::sync::{Mutex, PoisonError};
 
 use super::TrainConfig;
 use super::config::ContactTarget;
+use super::pressing::Pressing;
 use robert_base::rng::{Rng, Stream};
 use robert_dataset::{Dataset, SHORTEST, Window, Windows};
 use robert_net::Place;
@@ -24,6 +25,7 @@ pub(super) struct Source<'a> {
     data: &'a Dataset,
     encoder: &'a Encoder,
     cfg: &'a TrainConfig,
+    pressing: Option<Pressing>,
     ranges: Vec<Option<[f32; 2]>>,
     /// Distance to a stop that counts as being at it, by joint; (S).
     near: Vec<f32>,
@@ -84,6 +86,7 @@ impl<'a> Source<'a> {
             data,
             encoder,
             cfg,
+            pressing: cfg.leave_pressing.then(|| Pressing::find(data, cfg.seed)),
             ranges: robot.ranges.iter().map(|r| r.map(|r| r.map(|x| x as f32))).collect(),
             near: robot.near_limit.iter().map(|&n| n as f32).collect(),
             pool: Mutex::new(Vec::new()),
@@ -107,8 +110,8 @@ impl<'a> Source<'a> {
         });
         if self.cfg.contact_target == ContactTarget::Linear && !batch.linear.is_empty() {
             let a = self.encoder.tokens.facts().actions;
-            let touches = self.touches(windows.draw(self.cfg.seed, index));
-            for (i, _) in touches.iter().take(WINDOW).enumerate().filter(|(_, c)| **c != 0) {
+            let at = windows.draw(self.cfg.seed, index);
+            for i in (0..WINDOW).filter(|&i| self.touches(at, i)) {
                 let row = (slot * WINDOW + i) * a..(slot * WINDOW + i + 1) * a;
                 batch.actions[row.clone()].copy_from_slice(&batch.linear[row]);
             }
@@ -152,10 +155,10 @@ impl<'a> Source<'a> {
         mask(visible, s);
         self.encoder.encode(q, visible, &actions[..CURRENT * a], encode, batch, slot);
         batch.actions[slot * WINDOW * a..(slot + 1) * WINDOW * a].copy_from_slice(actions);
-        let touches = self.touches(windows.draw(seed, index));
+        let at = windows.draw(seed, index);
         for i in 0..WINDOW {
             let stopped = self.near_stop(&q[i * s..(i + 1) * s]);
-            let touching = touches.get(i).is_some_and(|&c| c != 0);
+            let touching = self.touches(at, i);
             let row = slot * WINDOW + i;
             let told = self.encoder.sees_actions() && i < CURRENT;
             batch.place[row] = match (told, stopped, touching) {
@@ -172,9 +175,11 @@ impl<'a> Source<'a> {
         self.pool.lock().unwrap_or_else(PoisonError::into_inner).push(scratch);
     }
 
-    /// Whether the robot touches itself, from this frame on.
-    fn touches(&self, at: Window) -> &[u8] {
-        &self.data.self_contact(&self.data.episodes()[at.episode])[at.start..]
+    /// Whether the robot touches itself in frame `i` of a window, or presses.
+    fn touches(&self, at: Window, i: usize) -> bool {
+        let seen = self.data.self_contact(&self.data.episodes()[at.episode]);
+        seen.get(at.start + i).is_some_and(|&c| c != 0)
+            || self.pressing.as_ref().is_some_and(|p| p.at(at.episode, at.start + i))
     }
 
     fn near_stop(&self, q: &[f32]) -> bool {
