@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector};
 use super::derive::ctrlrange;
 use super::law::Law;
 use super::response::lasting;
-use robert_base::units::{SIM_DT, SUBSTEPS};
+use robert_base::units::{CTRL_DT, SIM_DT, SUBSTEPS};
 use robert_mujoco::Data;
 
 /// If more than this share of the distance is left after a frame, the servo is too soft, and its
@@ -14,8 +14,13 @@ const MOST_KEPT: f64 = 0.98;
 /// A disturbance that is at most this large after a frame, relative to before, has no need to end
 /// sooner.
 const CALM: f64 = 0.9;
+/// A servo that covers a share of the way per frame covers less of it where its joint is heavier.
+/// Disturbances may last as long as at this part of the share.
+const SLACK: f64 = 0.25;
 /// The lead is found to within 1/2^LEAD_STEPS.
 const LEAD_STEPS: usize = 6;
+/// Robots with more servos than this have one lead for all: the search for each would take seconds.
+const OWN_LEADS: usize = 40;
 
 /// Tells which control of a position servo moves its length to a target in one frame.
 ///
@@ -87,9 +92,9 @@ impl PositionServo {
         })
     }
 
-    /// The action, clamped to -1..1, that moves the joints in one frame by `share` of the distance
-    /// from `q` to `target`, at speeds `v`, against the torques `weight`; (S) each, the last may be
-    /// empty.
+    /// The action, clamped to -1..1, that moves the joints from `q` towards `target`, at speeds `v`,
+    /// against the torques `weight`; (S) each, the last may be empty. At full lead a joint alone
+    /// covers `share` of the distance in one frame.
     pub fn action(&self, share: f64, q: &[f64], v: &[f64], target: &[f64], weight: &[f64]) -> f64 {
         let along = |x: &[f64]| -> f64 { self.arms.iter().map(|(k, a)| a * x[*k]).sum() };
         let way = along(target) - along(q);
@@ -108,9 +113,10 @@ impl PositionServo {
         [full * share + 1.0 - self.lead, full * self.coast]
     }
 
-    /// Lowers the leads of servos that act on one robot until they move calmly together when they
-    /// cover any of `shares` per frame: in no pose does a disturbance last longer than 1 - share
-    /// and [`CALM`] per frame, or than it does if the controls are constant. `inertias` are those
+    /// Lowers the leads of servos that act on one robot until they move calmly together at each of
+    /// these `shares` per frame: in no pose does a disturbance last longer than [`SLACK`] and
+    /// [`CALM`] allow, or than it does if the controls are constant. First one lead is found for
+    /// all; then each servo gets more where the others bear it, slow ones first. `inertias` are those
     /// of the state joints in the poses, (S, S) each, and `damping` is that of the joints (S).
     pub(super) fn calm(
         servos: &mut [Option<PositionServo>],
@@ -126,7 +132,7 @@ impl PositionServo {
             shares.iter().all(|&share| {
                 let gains: Vec<[f64; 2]> = servos.iter().map(|servo| servo.gains(share)).collect();
                 frames.iter().zip(&bare).all(|(frame, bare)| {
-                    frame.lasting(&gains) <= bare.max(CALM).max(1.0 - share) + 1e-6
+                    frame.lasting(&gains) <= bare.max(CALM).max(1.0 - SLACK * share) + 1e-3
                 })
             })
         };
@@ -144,6 +150,9 @@ impl PositionServo {
         }
         lead(&mut servos, low);
         // The lead of all is that of the most restless servo. The slowest ones need theirs most.
+        if servos.len() > OWN_LEADS {
+            return;
+        }
         let mut order: Vec<usize> = (0..servos.len()).collect();
         order.sort_by(|a, b| servos[*b].keep.total_cmp(&servos[*a].keep));
         for k in order {
@@ -158,8 +167,9 @@ impl PositionServo {
     }
 }
 
-/// Joints under position servos for one frame, about a pose at which they rest: (q, v)' = free
-/// (q, v) + push e, with e the distances of the servos' rest lengths from there.
+/// Joints under position servos for one frame, about a pose at which they rest: x' = free x + push
+/// e, with x the positions and the ways that the speeds make in a frame, and e the distances of the
+/// servos' rest lengths. All other joints are free to move.
 struct Frame {
     /// (2n, 2n) of the n joints that servos move.
     free: DMatrix<f64>,
@@ -187,9 +197,11 @@ impl Frame {
         };
         let pull = arms.transpose() * of_law(1);
         let drag = arms.transpose() * of_law(2) * &arms;
-        let mass = DMatrix::from_fn(n, n, |r, c| mass[(joints[r], joints[c])]);
+        let damped = mass + DMatrix::from_diagonal(&DVector::from_row_slice(damping)) * SIM_DT;
+        let inverse = damped.try_inverse()?;
+        let implicit = DMatrix::from_fn(n, n, |r, c| inverse[(joints[r], joints[c])]);
         let damping = DVector::from_iterator(n, joints.iter().map(|joint| damping[*joint]));
-        let implicit = (&mass + DMatrix::from_diagonal(&damping) * SIM_DT).try_inverse()?;
+        let mass = implicit.clone().try_inverse()? - DMatrix::from_diagonal(&damping) * SIM_DT;
         // Of a substep: speeds by position, by speed and by rest length.
         let by_position = &implicit * &pull * &arms * -SIM_DT;
         let by_speed = &implicit * (mass - drag * SIM_DT);
@@ -208,6 +220,12 @@ impl Frame {
             free = &step * free;
             push = &step * push + &pushed;
         }
+        // Speeds as ways, so that both halves of a swing are of one size.
+        for k in n..2 * n {
+            free.row_mut(k).scale_mut(CTRL_DT);
+            free.column_mut(k).unscale_mut(CTRL_DT);
+            push.row_mut(k).scale_mut(CTRL_DT);
+        }
         Some(Frame { free, push, arms })
     }
 
@@ -221,7 +239,7 @@ impl Frame {
         // The target is at zero: e = q - by_way q - by_speed v.
         let mut feedback = DMatrix::zeros(gains.len(), 2 * n);
         feedback.columns_mut(0, n).copy_from(&by(&|[way, _]| 1.0 - way));
-        feedback.columns_mut(n, n).copy_from(&by(&|[_, speed]| -speed));
+        feedback.columns_mut(n, n).copy_from(&by(&|[_, speed]| -speed / CTRL_DT));
         lasting(&self.free + &self.push * feedback)
     }
 }
@@ -317,7 +335,8 @@ mod tests {
         let mut data = chain(40.0);
         let mass = inertia(&mut data);
         let mut servos = servos(&data, &mass);
-        PositionServo::calm(&mut servos, &[0.03, 0.9], &[mass], &[40.0; 3]);
+        let heavier = &mass * 3.0;
+        PositionServo::calm(&mut servos, &[0.03, 0.9], &[heavier, mass], &[40.0; 3]);
         assert!(servos.iter().flatten().all(|servo| servo.lead == 1.0), "{servos:?}");
         assert!(left(&mut data, &servos) < 1e-4);
     }
@@ -332,10 +351,14 @@ mod tests {
         data.set_qpos(&[1e-4, -2e-4, 1e-4]).unwrap();
         data.set_qvel(&[1e-3, 0.0, -1e-3]).unwrap();
         data.set_ctrl(&[1e-4, 0.0, 2e-4]).unwrap();
-        let before = DVector::from_iterator(6, data.qpos().iter().chain(data.qvel()).copied());
+        let now = |data: &Data| {
+            let ways = data.qvel().iter().map(|v| v * CTRL_DT);
+            DVector::from_iterator(6, data.qpos().iter().copied().chain(ways))
+        };
+        let before = now(&data);
         data.step(SUBSTEPS).unwrap();
         let after = &frame.free * before + &frame.push * DVector::from_row_slice(data.ctrl());
-        let got = DVector::from_iterator(6, data.qpos().iter().chain(data.qvel()).copied());
+        let got = now(&data);
         assert!((&after - &got).norm() < 1e-2 * got.norm(), "{after} {got}");
     }
 }

@@ -196,11 +196,15 @@ impl Splice<'_> {
         }
         let mut edits = Edits::default();
         for attribute in doc.descendants().flat_map(|node| node.attributes()) {
-            let written = &xml[attribute.range_value()];
+            // The place of a value after a very long name is not known.
+            let Some(written) = xml.get(attribute.range_value()) else { continue };
             let numbers = written.trim();
             if !numbers.is_empty() && numbers.len() < written.len() && is_numbers(numbers) {
-                // This version takes a space at the end for one number more.
+                // This version takes a space at the end for one number more. Lines stay where they
+                // are, for the messages.
+                let lines = |text: &str| text.matches('\n').count();
                 edits.replace(attribute.range_value(), numbers);
+                edits.insert(attribute.range().end, "\n".repeat(lines(written) - lines(numbers)));
             }
         }
         for node in doc.descendants().filter(|n| n.has_tag_name("include")) {
@@ -586,8 +590,13 @@ mod tests {
         let key = |qpos: &str| {
             format!("<mujoco><keyframe><key name='a ' qpos='{qpos}'/></keyframe></mujoco>")
         };
-        let (_dir, read) = project(&[("main.xml", &key(" 0 1.5\n 2 "))]);
-        assert_eq!(read.unwrap().xml, key("0 1.5\n 2"));
+        let (_dir, read) = project(&[("main.xml", &key(" 0 1.5\n 2\n "))]);
+        let xml = read.unwrap().xml;
+        assert_eq!(xml, key("0 1.5\n 2").replace("2'/>", "2'\n/>"));
+        // Of a longer name, the parser does not know where the value is.
+        let long = format!("<mujoco {}=' 1 '/>", "é".repeat(33_000));
+        let (_dir, read) = project(&[("main.xml", &long)]);
+        assert!(read.is_ok(), "{read:?}");
     }
 
     #[test]

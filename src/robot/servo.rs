@@ -128,7 +128,7 @@ impl Robot {
     }
 
     /// The position servos among the actuators, at the home pose, for a controller that covers
-    /// `shares` of the distance per frame; (A).
+    /// one of these shares of the distance per frame; (A).
     ///
     /// # Errors
     /// [`Error::Simulator`].

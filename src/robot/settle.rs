@@ -3,7 +3,8 @@
 //! A drawn pose may be unreachable: fingers touch the palm, and tendons couple joints. Commands
 //! should contain the *settled* pose, so that the error of a policy is not the error of the
 //! drawing. The drive is proportional with damping, in joint space, and compensates the model's
-//! gravity and Coriolis forces at every simulator step. A stiff hold at 20 Hz would ring on the
+//! gravity and Coriolis forces at every simulator step; position servos are led at the speed of the
+//! joints. A stiff hold at 20 Hz would ring on the
 //! finger joints, whose time constant is 6 ms.
 
 use super::{Error, Law, Robot};
@@ -77,7 +78,7 @@ impl Robot {
     }
 }
 
-/// The constants of the drive.
+/// The drive, and how far it has led the joints.
 struct Drive {
     target: Vec<f64>,
     /// The place of each joint on its way to the target. A position servo without a force limit
@@ -86,8 +87,8 @@ struct Drive {
     /// The way of each joint in a step: at its speed limit, or faster if it would not be there after
     /// half of the time.
     pace: Vec<f64>,
-    /// The law of each actuator. An actuator without one gets its length at the target as its
-    /// control.
+    /// The law of each actuator. An actuator without one gets its length at the joints'
+    /// places as its control.
     laws: Vec<Option<Law>>,
     limit: Vec<[f64; 2]>,
 }

@@ -1,7 +1,7 @@
 //! Proportional-derivative control with gains from the mass matrix and gravity compensation, the
 //! usual first controller without planner or data. The gains are those of
 //! [`Robot::tracking_servos`]; gains and gravity come from the nominal model. If the robot has
-//! position servos of its own, the action is the servo target that gives this torque.
+//! position servos of its own, the action is that of [`PositionServo::action`].
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use super::nominal_model::NominalModel;
 use super::policy::{Policy, View};
 use robert_robot::{Gravity, PositionServo, Robot, Servo};
 
-/// Share of the remaining distance that position servos are asked to cover in a frame.
+/// Share of the remaining distance that a position servo alone would cover in a frame.
 const SHARE: f64 = 0.9;
 
 /// PD on a straight reference, joint by joint.

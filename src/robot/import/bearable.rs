@@ -4,7 +4,7 @@
 //! explicitly. It diverges where a servo takes more than its speed from a joint within a step, and
 //! where a servo swings a joint faster than the steps can follow. Such damping becomes that of the
 //! joint, and such joints get armature. Both depend on the pose: two links that fold onto each other
-//! can turn their common joint almost without inertia.
+//! can turn their common joint almost without inertia. Servos at tendons are left as they are.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -23,6 +23,8 @@ const MOST: f64 = 0.5;
 /// The phase by which a servo may swing a joint in a step, rad. The limit of the integrator is 2
 /// for a joint by itself, and less if several swing together.
 const SWING: f64 = 1.0;
+/// Share of the largest inertia that is added to all where the inverse does not exist.
+const SINGULAR: f64 = 1e-9;
 /// The number of digits of a written armature.
 const DIGITS: i32 = 3;
 /// Poses besides that of the file.
@@ -33,8 +35,10 @@ const UNBOUNDED: f64 = 1.5;
 /// The changes that a model needs.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Bearable {
-    /// The joint of each actuator whose damping must move there, and the joint's new damping.
-    pub(super) damping: BTreeMap<usize, (usize, f64)>,
+    /// Actuators whose damping must move to their joint, and that joint.
+    pub(super) moved: BTreeMap<usize, usize>,
+    /// The new damping of these joints.
+    pub(super) damping: BTreeMap<usize, f64>,
     /// The new armature of joints.
     pub(super) armature: BTreeMap<usize, f64>,
 }
@@ -50,17 +54,26 @@ impl Bearable {
             return Ok(all);
         }
         let mut least = least_inertias(model)?;
+        let mut damping = BTreeMap::new();
+        let mut stiffness = BTreeMap::new();
         for (a, law) in laws.iter().enumerate() {
             let (Some(law), Some(Transmission::Joint(joint))) = (law, model.transmission(a)) else {
                 continue;
             };
             let dof = model.jnt_dofadr()[joint] as usize;
             let square = model.actuator_gear()[6 * a].powi(2);
-            let (stiffness, damping) = (-square * law.bias[1], -square * law.bias[2]);
-            if SIM_DT * damping > MOST * least[dof] {
-                all.damping.insert(a, (joint, model.dof_damping()[dof] + damping));
-                least[dof] += SIM_DT * damping;
+            *stiffness.entry(joint).or_insert(0.0) -= square * law.bias[1];
+            let own = -square * law.bias[2];
+            if SIM_DT * own > MOST * least[dof] {
+                let all_of_joint = damping.entry(joint).or_insert(model.dof_damping()[dof]);
+                *all_of_joint += own;
+                least[dof] += SIM_DT * own;
+                all.moved.insert(a, joint);
             }
+        }
+        all.damping = damping;
+        for (joint, stiffness) in stiffness {
+            let dof = model.jnt_dofadr()[joint] as usize;
             let needed = (SIM_DT / SWING).powi(2) * stiffness;
             if needed > least[dof] {
                 let armature = model.dof_armature()[dof] + needed - least[dof];
@@ -81,7 +94,10 @@ impl Bearable {
 /// damping adds.
 fn least_inertias(model: &Arc<Model>) -> Result<Vec<f64>, Error> {
     let nv = model.nv();
-    let mut data = Data::new(model)?;
+    // Contacts take most of the time and change no inertia.
+    let mut free = model.duplicate()?;
+    free.set_contacts(false);
+    let mut data = Data::new(&Arc::new(free))?;
     let mut least = vec![f64::INFINITY; nv];
     let mut mass = vec![0.0; nv * nv];
     for pose in 0..=POSES {
@@ -97,6 +113,7 @@ fn least_inertias(model: &Arc<Model>) -> Result<Vec<f64>, Error> {
                 qpos[at] = spread(joint, pose, range);
             }
         }
+        data.reset()?;
         data.set_qpos(&qpos)?;
         data.forward()?;
         data.full_mass(&mut mass)?;
@@ -104,14 +121,15 @@ fn least_inertias(model: &Arc<Model>) -> Result<Vec<f64>, Error> {
             let own = if r == c { SIM_DT * model.dof_damping()[r] } else { 0.0 };
             mass[r * nv + c] + own
         });
-        // Singular where a link has no inertia at all; then the joint's own entry is zero.
-        let mobility = damped.clone().try_inverse();
+        // Joints that share an axis can move against each other without any inertia.
+        let some = SINGULAR * damped.diagonal().amax();
+        let mobility = damped
+            .clone()
+            .try_inverse()
+            .or_else(|| (damped + DMatrix::from_diagonal_element(nv, nv, some)).try_inverse());
         for (dof, least) in least.iter_mut().enumerate() {
-            let here = match &mobility {
-                Some(mobility) => 1.0 / mobility[(dof, dof)].max(f64::MIN_POSITIVE),
-                None => damped[(dof, dof)],
-            };
-            *least = least.min(here);
+            let here = mobility.as_ref().map_or(0.0, |mobility| mobility[(dof, dof)].recip());
+            *least = least.min(if here > 0.0 { here } else { 0.0 });
         }
     }
     Ok(least)
@@ -137,7 +155,8 @@ mod tests {
             Bearable::of(&[Some(Law { gain: kp, bias: [0.0, -kp, -kv] })], &model).unwrap()
         };
         // By its inertia alone, 45 N m s/rad would do.
-        assert_eq!(changes(80.0, 12.0).damping.get(&0), Some(&(0, 12.0)));
+        let moved = changes(80.0, 12.0);
+        assert_eq!((moved.moved.get(&0), moved.damping.get(&0)), (Some(&0), Some(&12.0)));
         assert!(changes(80.0, 1.0).is_empty());
         assert!(changes(0.0, 0.0).is_empty());
         let stiff = changes(8000.0, 0.0);

@@ -139,7 +139,7 @@ pub(super) fn actuators(
     } else {
         for a in 0..model.nu() {
             if let Some(m) =
-                motor(draft, model, a, config, &efforts, changes.damping.contains_key(&a))
+                motor(draft, model, a, config, &efforts, changes.moved.contains_key(&a))
             {
                 motors.push(m);
             }
@@ -152,9 +152,15 @@ pub(super) fn actuators(
     let (damping, armature) = changed_joints(draft, model, &changes);
     let mut xml = without_actuators(draft, config)?;
     for (attribute, values) in [("damping", damping), ("armature", armature)] {
-        xml = text::with_joints(&xml, attribute, &values).map_err(|_unnamed| Error::Unfit {
-            message: "the joint of a servo is not written with its name".to_owned(),
-            path: config.source.clone(),
+        xml = text::with_joints(&xml, attribute, &values).map_err(|e| {
+            let joint = match e {
+                text::JointsError::NoJoint(name) => name,
+                text::JointsError::Xml(e) => e.to_string(),
+            };
+            let message = format!(
+                "the servo of joint \"{joint}\" needs another {attribute} of the joint, but no <joint> of this name is written; write it out, or import with --actuators torque"
+            );
+            Error::Unfit { message, path: config.source.clone() }
         })?;
     }
     draft.xml = xml;
@@ -283,16 +289,10 @@ fn changed_joints(
     changes: &Bearable,
 ) -> (BTreeMap<String, f64>, BTreeMap<String, f64>) {
     let name = |joint: usize| model.name(Kind::Joint, joint).map(str::to_owned);
-    let damping: BTreeMap<String, f64> = changes
-        .damping
-        .values()
-        .filter_map(|(joint, value)| Some((name(*joint)?, *value)))
-        .collect();
-    let armature: BTreeMap<String, f64> = changes
-        .armature
-        .iter()
-        .filter_map(|(joint, value)| Some((name(*joint)?, *value)))
-        .collect();
+    let named = |values: &BTreeMap<usize, f64>| -> BTreeMap<String, f64> {
+        values.iter().filter_map(|(joint, value)| Some((name(*joint)?, *value))).collect()
+    };
+    let (damping, armature) = (named(&changes.damping), named(&changes.armature));
     if !damping.is_empty() {
         let names: Vec<&str> = damping.keys().map(String::as_str).collect();
         draft.changed.push(format!(
