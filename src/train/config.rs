@@ -256,8 +256,11 @@ impl TrainConfig {
             return Err(fail("is not a single setting: choose it with --preset, or in a sweep file with preset = above [set]".into()));
         }
         let mut table = toml::Table::try_from(&*self).map_err(|e| fail(e.to_string()))?;
-        let Some(old) = table.get(key) else {
-            let keys: Vec<_> = table.keys().map(String::as_str).collect();
+        // A setting without a value is not in the table, but may be given one.
+        let given = TrainConfig { ridge_penalty: Some(0.0), ..self.clone() };
+        let known = toml::Table::try_from(given).map_err(|e| fail(e.to_string()))?;
+        let Some(old) = known.get(key) else {
+            let keys: Vec<_> = known.keys().map(String::as_str).collect();
             return Err(fail(format!("no setting {key:?}; there are {}", keys.join(", "))));
         };
         let parsed = match old {
@@ -304,6 +307,9 @@ impl TrainConfig {
             () if !(0.0..1.0).contains(&self.average) => refuse("average", "takes 0 to below 1"),
             () if !weight(self.stop_weight) => refuse("stop_weight", "must be 0 or more"),
             () if !weight(self.contact_weight) => refuse("contact_weight", "must be 0 or more"),
+            () if !self.ridge_penalty.is_none_or(weight) => {
+                refuse("ridge_penalty", "must be 0 or more")
+            }
             () if self.self_correct > 100 => refuse("self_correct", "takes 0 to 100"),
             () if !(0.0..=1.0).contains(&self.self_share) => refuse("self_share", "takes 0 to 1"),
             () if !(1..=1_000_000).contains(&self.self_tasks) => {
@@ -404,12 +410,19 @@ mod tests {
         cfg.set("current_only=true").unwrap();
         cfg.set("steps=2.5k").unwrap();
         assert_eq!(cfg.steps, 2500);
+        cfg.set("ridge_penalty=1e-6").unwrap();
+        assert_eq!(cfg.ridge_penalty, Some(1e-6));
         assert_eq!((cfg.lr, cfg.tokens, cfg.current_only), (2e-4, TokenKind::PosD, true));
         let before = cfg.clone();
         for bad in
             ["lr", "learning=1", "lr=fast", "steps=1.5", "batch=0", "tokens=best", "average=1"]
                 .into_iter()
-                .chain(["preset=ur-small", "steps=2000000000000", "ridge_history=31"])
+                .chain([
+                    "preset=ur-small",
+                    "steps=2000000000000",
+                    "ridge_history=31",
+                    "ridge_penalty=-1",
+                ])
         {
             let e = cfg.set(bad).unwrap_err().to_string();
             assert!(e.contains(bad.split('=').next().unwrap()), "{e}");
