@@ -13,7 +13,7 @@ use nalgebra::DMatrix;
 
 use crate::Error;
 use crate::derive::digits;
-use crate::golden::spread;
+use crate::golden::spread_model;
 use crate::law::Law;
 use robert_base::units::SIM_DT;
 use robert_mujoco::{Data, Model, Transmission};
@@ -101,18 +101,10 @@ fn least_inertias(model: &Arc<Model>) -> Result<Vec<f64>, Error> {
     let mut least = vec![f64::INFINITY; nv];
     let mut mass = vec![0.0; nv * nv];
     for pose in 0..=POSES {
-        let mut qpos = model.qpos0().to_vec();
-        if pose < POSES {
-            for joint in 0..model.jnt_type().len() {
-                let at = model.jnt_qposadr()[joint] as usize;
-                let range = if model.jnt_limited()[joint] != 0 {
-                    [model.jnt_range()[2 * joint], model.jnt_range()[2 * joint + 1]]
-                } else {
-                    [qpos[at] - UNBOUNDED, qpos[at] + UNBOUNDED]
-                };
-                qpos[at] = spread(joint, pose, range);
-            }
-        }
+        let qpos = match pose {
+            POSES => model.qpos0().to_vec(),
+            _ => spread_model(model, pose, UNBOUNDED),
+        };
         data.reset()?;
         data.set_qpos(&qpos)?;
         data.forward()?;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::draft::Draft;
 use crate::Error;
 use crate::derive::torque_limit;
-use crate::golden::spread;
+use crate::golden::spread_model;
 use robert_mujoco::{Data, Kind, Model};
 
 /// Poses beside the default one.
@@ -72,11 +72,10 @@ pub(super) fn loads(model: &Model) -> Result<Vec<Load>, Error> {
     let mut loads = vec![Load::default(); joints];
     let mut mass = vec![0.0; model.nv() * model.nv()];
     for k in 0..=POSES {
-        let mut qpos = model.qpos0().to_vec();
-        for j in (0..joints).filter(|j| k > 0 && model.jnt_limited()[*j] != 0) {
-            let range = [model.jnt_range()[2 * j], model.jnt_range()[2 * j + 1]];
-            qpos[model.jnt_qposadr()[j] as usize] = spread(j, k - 1, range);
-        }
+        let qpos = match k {
+            0 => model.qpos0().to_vec(),
+            _ => spread_model(model, k - 1, 0.0),
+        };
         data.reset()?;
         data.set_qpos(&qpos)?;
         data.forward()?;
