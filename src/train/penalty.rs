@@ -70,7 +70,7 @@ pub fn choose(
         add(fits(&all().without(pressing))?, true);
     }
     let (card, net, encoder) =
-        assemble(data, cfg, candidates.first().map(|(_, usual)| usual.clone()), threads)?;
+        assemble(&all(), cfg, candidates.first().map(|(_, usual)| usual.clone()), threads)?;
     let mut model = Model { card, net, encoder, optimiser: None };
     let mut best = (Choice::default(), f64::INFINITY);
     for (choice, ridge) in candidates {

@@ -86,14 +86,14 @@ pub fn prepare(
     threads: usize,
     cancel: &Cancel,
 ) -> Result<(Card, Net<f32>, Encoder), Error> {
+    let train = Side::of(data, cfg);
     let ridge = if cfg.skip == SkipKind::Off {
         None
     } else {
         let tokens = tokeniser(data, cfg)?;
-        let train = Side::of(data, cfg);
         Some(Ridge::fit(&tokens, &train, &ridge_config(cfg, &tokens), threads, cancel)?)
     };
-    assemble(data, cfg, ridge, threads)
+    assemble(&train, cfg, ridge, threads)
 }
 
 /// The features for this data.
@@ -106,20 +106,20 @@ pub(super) fn tokeniser(data: &Dataset, cfg: &TrainConfig) -> Result<Tokeniser, 
     Ok(Tokeniser::new(cfg.token_config(&facts), facts, &norm)?)
 }
 
-/// As [`prepare`], with a linear prediction that is fitted already.
+/// As [`prepare`], for the training part of data and with a linear prediction that is fitted already.
 ///
 /// # Errors
 /// [`Error::Net`].
 pub(super) fn assemble(
-    data: &Dataset,
+    train: &Side<'_>,
     cfg: &TrainConfig,
     ridge: Option<Ridge>,
     threads: usize,
 ) -> Result<(Card, Net<f32>, Encoder), Error> {
+    let data = train.data;
     let robot = &data.manifest().robot;
     let (norm, _) = normaliser(data, cfg.seed);
     let tokens = tokeniser(data, cfg)?;
-    let train = Side::of(data, cfg);
     let encoder = Encoder::new(tokens, ridge)?;
     let actions = encoder.tokens.facts().actions;
     let net_cfg = cfg.net_config(encoder.inputs(), actions, encoder.tokens.mask_replaces());
@@ -152,7 +152,7 @@ pub(super) fn assemble(
     let usual = robert_dataset::usual(data, &data.part(Part::Train, cfg.seed));
     card.usual = usual.into_iter().map(|[low, high, speed]| Usual { low, high, speed }).collect();
     if cfg.reach {
-        card.reach = Some(Reach::fit(&card.facts, &train, cfg.seed)?);
+        card.reach = Some(Reach::fit(&card.facts, train, cfg.seed)?);
     }
     Ok((card, net, encoder))
 }
