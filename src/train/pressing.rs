@@ -3,8 +3,7 @@
 //! A joint that is held by a stop, by another link or by dry friction hides how strongly it is
 //! driven: actions that differ widely lead to the same motion. Contact is recorded at the end of a
 //! frame, so touch within a frame is not seen. On hands with stiff position servos a few percent of
-//! such frames spoil every fit by least squares, because their actions are a hundred times as far
-//! away as the others.
+//! such frames spoil every fit by least squares, because their actions are far from all others.
 //!
 //! The action is fitted as a linear function of the positions before, at and after a frame. The fit
 //! is repeated on the half of the frames that it explains best (least trimmed squares, Rousseeuw and
