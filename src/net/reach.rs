@@ -20,8 +20,10 @@ const SAMPLES: u64 = 60_000;
 const PICKY: u64 = 10;
 /// Earlier changes of state in the regression.
 const PAST: usize = 3;
-/// A joint closer than this to a stop shows the effect of the stop, not of the motor; rad or m.
+/// A joint closer than this to a stop shows the effect of the stop, not of the motor; rad or m, and
+/// as a share of the range. A finger of a gripper slides only a few centimetres.
 const STOP: f64 = 0.03;
+const STOP_SHARE: f64 = 0.1;
 /// Ridge penalty for each sample.
 const PENALTY: f64 = 1e-6;
 /// The fastest speed of a joint is that which this share of recorded frames stays below.
@@ -32,7 +34,7 @@ const FASTEST: f64 = 0.9999;
 #[serde(deny_unknown_fields)]
 pub struct Reach {
     /// Change of each state joint in one frame for a full action of each actuator, rad or m;
-    /// S rows of A.
+    /// S rows of A. A row of zeros belongs to a joint that was never seen away from its stops.
     pub effect: Vec<Vec<f64>>,
     /// Greatest recorded change of each state joint in one frame (except one frame in ten
     /// thousand), rad or m; (S).
@@ -81,7 +83,8 @@ impl Reach {
             x[inputs - 1] = 1.0;
             for (j, (sum, joint)) in sums.iter_mut().zip(&facts.joints).enumerate() {
                 let free = joint.range.is_none_or(|[lo, hi]| {
-                    [q(t, j), q(t + 1, j)].iter().all(|&q| q > lo + STOP && q < hi - STOP)
+                    let stop = STOP.min(STOP_SHARE * (hi - lo));
+                    [q(t, j), q(t + 1, j)].iter().all(|&q| q > lo + stop && q < hi - stop)
                 });
                 if free {
                     sum.add(&x, q(t + 1, j) - q(t, j));
@@ -240,6 +243,33 @@ mod tests {
             }
         }
         assert!(reach.speed[2] > 0.08 && reach.speed[2] < 0.12, "{:?}", reach.speed);
+    }
+
+    #[test]
+    fn a_short_slide_is_not_always_at_a_stop() {
+        struct Gripper(Vec<f32>, Vec<f32>);
+        impl Episodes for Gripper {
+            fn count(&self) -> usize {
+                1
+            }
+            fn states(&self, _: usize) -> &[f32] {
+                &self.0
+            }
+            fn actions(&self, _: usize) -> &[f32] {
+                &self.1
+            }
+        }
+        let n = 2000;
+        let u: Vec<f32> =
+            (0..n).map(|t| Rng::new(5, Stream::Test, t).range(-1.0, 1.0) as f32).collect();
+        let mut q = vec![0.02_f32; n as usize];
+        for t in 1..q.len() {
+            q[t] = (q[t - 1] + 0.004 * u[t - 1]).clamp(0.0, 0.04);
+        }
+        let slide = JointFacts { hinge: false, range: Some([0.0, 0.04]) };
+        let facts = Facts { joints: vec![slide], actions: 1 };
+        let reach = Reach::fit(&facts, &Gripper(q, u), 0).unwrap();
+        assert!((reach.effect[0][0] - 0.004).abs() < 1e-4, "{reach:?}");
     }
 
     #[test]
