@@ -34,7 +34,7 @@ const FASTEST: f64 = 0.9999;
 #[serde(deny_unknown_fields)]
 pub struct Reach {
     /// Change of each state joint in one frame for a full action of each actuator, rad or m;
-    /// S rows of A. A row of zeros belongs to a joint that was never seen away from its stops.
+    /// S rows of A. A row of zeros: the joint was never seen away from its stops.
     pub effect: Vec<Vec<f64>>,
     /// Greatest recorded change of each state joint in one frame (except one frame in ten
     /// thousand), rad or m; (S).
