@@ -189,14 +189,19 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     for seed in CHOOSE {
         choice.push(compare(&robot, &places, trained.is_some(), seed, threads, &cancel, global)?);
     }
-    let kept = nearest(&choice);
-    keep(kept, &places, &args.out)?;
+    // The network comes first, because it has learned more than the clips demand.
+    let learned = match trained {
+        Some(_) => nearest(&choice, &["robert", "ridge"]),
+        None => "ridge",
+    };
+    let kept = nearest(&choice, &[learned, "pd"]);
+    keep(kept, learned, &places, &args.out)?;
     report(args, &robot, &found, kept, instant_secs, since())
 }
 
-/// The policy with the smallest error on the trial clips of all these seeds. A policy that fails on
-/// a clip comes last.
-fn nearest(choice: &[Vec<Evaluation>]) -> &'static str {
+/// The one of these policies with the smallest error on the trial clips of all seeds; of several
+/// that are equally good, the first. A policy that fails on a clip, or did not perform, comes last.
+fn nearest<'a>(choice: &[Vec<Evaluation>], names: &[&'a str]) -> &'a str {
     let mean = |name: &str| -> f64 {
         let one = |found: &Vec<Evaluation>| {
             let own = found.iter().find(|e| e.policy == name);
@@ -205,16 +210,13 @@ fn nearest(choice: &[Vec<Evaluation>]) -> &'static str {
         };
         choice.iter().map(one).sum()
     };
-    // If several are equally good, the learned policy is kept, because it has learned more than the
-    // clips demand.
-    let names = ["robert", "ridge", "pd"];
-    names.into_iter().min_by(|a, b| mean(a).total_cmp(&mean(b))).unwrap_or("ridge")
+    names.iter().copied().min_by(|a, b| mean(a).total_cmp(&mean(b))).unwrap_or("ridge")
 }
 
-/// Makes the policy the robot's own. Proportional control has no model file: then the linear
-/// regression is kept as the model, and a file in the folder names the policy to use.
-fn keep(kept: &str, places: &Places, out: &Path) -> Outcome {
-    pack(if kept == "robert" { &places.run } else { &places.instant }, &places.model)?;
+/// Makes the policy `kept` the robot's own, and the run of the best `learned` one its model.
+/// Proportional control has no model file, so a file in the folder names it as the policy to use.
+fn keep(kept: &str, learned: &str, places: &Places, out: &Path) -> Outcome {
+    pack(if learned == "robert" { &places.run } else { &places.instant }, &places.model)?;
     let choice = shipped::choice_in(out);
     if kept == "pd" {
         fsio::write_atomic(&choice, b"pd\n")?;
@@ -422,4 +424,41 @@ fn report(
         "usable after {instant_secs:.0} s, done after {total_secs:.0} s; {kept} is kept as the robot's policy"
     ))?;
     out::line(&format!("draft with it:  robert studio --robot {}", args.out.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn performed(policy: &str, precision_mean: Option<f64>) -> Evaluation {
+        Evaluation {
+            policy: policy.to_owned(),
+            uses_model: false,
+            suite: "trial".to_owned(),
+            plant: None,
+            precision_mean,
+            ci95: None,
+            excess_mean: None,
+            tasks: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn the_nearest_over_all_seeds_is_kept() {
+        let seed = |robert, ridge, pd| {
+            vec![
+                performed("robert", robert),
+                performed("ridge", Some(ridge)),
+                performed("pd", Some(pd)),
+            ]
+        };
+        let choice = [seed(Some(0.002), 0.005, 0.003), seed(Some(0.003), 0.001, 0.001)];
+        assert_eq!(nearest(&choice, &["robert", "ridge"]), "robert");
+        assert_eq!(nearest(&choice, &["robert", "pd"]), "pd");
+        let equal = [seed(Some(0.002), 0.002, 0.003)];
+        assert_eq!(nearest(&equal, &["robert", "ridge"]), "robert");
+        let failed = [seed(None, 0.5, 0.6), seed(Some(0.001), 0.5, 0.6)];
+        assert_eq!(nearest(&failed, &["robert", "ridge"]), "ridge");
+        assert_eq!(nearest(&choice, &["nobody", "pd"]), "pd");
+    }
 }
