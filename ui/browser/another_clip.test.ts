@@ -37,21 +37,27 @@ describe("another clip, in the 3D view", () => {
     await g.picture("no-ghosts");
   });
 
+  /** The camera moves for a moment; where it comes to rest. */
+  const stands = async () => {
+    let last = await camera(g);
+    await eventually(async () => {
+      await drawn(g);
+      const now = await camera(g);
+      const still = apart(now, last) < 1e-3;
+      last = now;
+      return still;
+    }, "the camera stands");
+    return last;
+  };
+
   test("the camera shows the new clip, from wherever it was", async () => {
     await g.afresh(STILL);
     await g.rolledOut();
     await g.press("Alt+0");
-    // The camera moves for a moment.
-    let home = await camera(g);
-    await eventually(async () => {
-      await drawn(g);
-      const now = await camera(g);
-      const still = apart(now, home) < 1e-3;
-      home = now;
-      return still;
-    }, "the camera stands");
+    const home = await stands();
     await g.press("Alt+3");
     await eventually(async () => apart(await camera(g), home) > 0.3, "seen from above");
+    await stands();
     await g.afresh(STILL);
     await g.rolledOut();
     await eventually(async () => apart(await camera(g), home) < 0.05, "as at first");
