@@ -342,6 +342,40 @@ fn a_scene_of_today_is_taken_in_without_its_loose_things() {
     assert!(robot.settle(&[0.3, -0.5]).unwrap().worst < 0.02);
 }
 
+/// A base on two slides with servos, as of a mobile robot, and a turret with a motor.
+const CART: &str = r#"<mujoco><worldbody><body name="cart" pos="0 0 .1">
+    <joint name="x" type="slide" axis="1 0 0"/><joint name="y" type="slide" axis="0 1 0"/>
+    <geom type="box" size=".1 .1 .1" mass="3"/>
+    <body name="turret" pos="0 0 .2"><joint name="turn" axis="0 0 1" armature=".1"/><geom type="box" size=".05 .02 .02" mass="1"/></body>
+  </body></worldbody>
+  <actuator><position joint="x" kp="900" kv="90"/><position joint="y" kp="900" kv="90" gear="2" ctrlrange="-4 4"/><motor joint="turn" ctrlrange="-1 1"/></actuator></mujoco>"#;
+
+#[test]
+fn slides_of_servos_end_where_the_servo_does() {
+    let ran = robert().file("m.xml", CART).args(["import", "m.xml", "--out", "bot", "--json"]);
+    let ran = ran.succeeds();
+    assert!(notes(&ran.json(), "changed").contains("slide \"y\" ends where its servo does"));
+    let bot = Robot::from_folder(&ran.path("bot")).unwrap();
+    let ranges = [0, 1].map(|j| (bot.joints()[j].unbounded, bot.joints()[j].range));
+    let pi = std::f64::consts::PI;
+    assert_eq!(ranges, [(false, [-pi, pi]), (false, [-2.0, 2.0])]);
+    assert!(bot.joints()[2].unbounded && bot.drives_undamped_joints());
+    let damped = CART.replace("armature", "damping=\".2\" armature");
+    let ran = robert().file("m.xml", damped).args(["import", "m.xml", "--out", "bot"]).succeeds();
+    assert!(!Robot::from_folder(&ran.path("bot")).unwrap().drives_undamped_joints());
+    // With motors in the place of its servos a slide stays endless.
+    let ran = robert().file("m.xml", CART).args([
+        "import",
+        "m.xml",
+        "--actuators",
+        "torque",
+        "--out",
+        "bot",
+    ]);
+    let ran = ran.succeeds();
+    assert!(Robot::from_folder(&ran.path("bot")).unwrap().joints()[0].unbounded);
+}
+
 #[test]
 fn imports_that_cannot_be_leave_no_folder() {
     let xml = r#"<mujoco><worldbody><body><freejoint/><geom size=".1"/><body><joint name="k"/><geom size=".1" pos="1 0 0"/></body></body></worldbody></mujoco>"#;

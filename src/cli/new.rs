@@ -34,10 +34,13 @@ use crate::train::evaluator::SuiteEvaluator;
 use crate::train::penalty::{self, Choice};
 use crate::train::read_config;
 use crate::train::{ContactTarget, Evaluate, Finished, Options, TrainConfig, train};
-use crate::units::count;
+use crate::units::{Unit, count};
 
 /// Steps of the run that measures the speed of this machine.
 const PROBE_STEPS: u64 = 12;
+/// Differences between the last frames that the closed form sees on a robot that drives joints without
+/// damping, if it would see fewer.
+const UNDAMPED_HISTORY: usize = 6;
 /// The share of the given minutes for training steps; the rest is for evaluation.
 const PLANNED: f64 = 0.85;
 /// Seeds of the trial clips on which policies are compared. Seed 0 is not among them: it chose the
@@ -157,7 +160,11 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
 
     say("3 fit: the closed form for every gap");
     if !model_path(&places.instant).is_file() {
-        let usual = TrainConfig { seed: args.seed, ..TrainConfig::preset("instant")? };
+        let usual = TrainConfig {
+            seed: args.seed,
+            ridge_history: history(&robot),
+            ..TrainConfig::preset("instant")?
+        };
         let choice = match evaluator(&robot, threads)? {
             Some(mut judge) => penalty::choose(&data, &usual, threads, &mut judge, &cancel)?,
             None => Choice::default(),
@@ -259,6 +266,13 @@ fn describe(data: &Dataset, robot: &Robot) -> Vec<String> {
     lines
 }
 
+/// Differences between the last frames that the closed form sees; 0 is what is usual for the robot,
+/// which is more than [`UNDAMPED_HISTORY`] if it has an endless slide.
+fn history(robot: &Robot) -> usize {
+    let endless = robot.joints().iter().any(|j| j.unbounded && j.unit == Unit::M);
+    if robot.drives_undamped_joints() && !endless { UNDAMPED_HISTORY } else { 0 }
+}
+
 /// Trains for the given time, with the trial clips as evaluator.
 fn teach(
     args: &Args,
@@ -278,6 +292,7 @@ fn teach(
             contact_weight: 1.0,
             contact_target: ContactTarget::Linear,
             seed: args.seed,
+            ridge_history: instant.ridge_history,
             ridge_penalty: instant.ridge_penalty,
             leave_pressing: instant.leave_pressing,
             ..TrainConfig::preset(&args.preset)?

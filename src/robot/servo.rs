@@ -113,6 +113,20 @@ impl Robot {
         }))
     }
 
+    /// Whether an actuator drives a joint without any damping. Its speed then tells little about
+    /// the last action, so a policy needs more than the last frames.
+    pub fn drives_undamped_joints(&self) -> bool {
+        let model = self.model();
+        let driven = |dof: usize| {
+            (0..model.nu()).any(|a| {
+                let Some(Transmission::Joint(j)) = model.transmission(a) else { return false };
+                model.jnt_dofadr()[j] as usize == dof
+            })
+        };
+        let mut joints = self.joints().iter().zip(self.state_damping());
+        joints.any(|(joint, damping)| damping == 0.0 && driven(joint.dofadr))
+    }
+
     /// Damping of the state joints, including that of velocity servos; (S).
     fn state_damping(&self) -> Vec<f64> {
         let model = self.model();

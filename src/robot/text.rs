@@ -110,7 +110,7 @@ pub(super) fn insert_first(edits: &mut Edits, root: roxmltree::Node<'_, '_>, ele
 pub(super) fn with_joints(
     xml: &str,
     attribute: &str,
-    values: &BTreeMap<String, f64>,
+    values: &BTreeMap<String, impl ToString>,
 ) -> Result<String, JointsError> {
     if values.is_empty() {
         return Ok(xml.to_owned());

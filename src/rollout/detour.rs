@@ -8,6 +8,7 @@
 
 use super::gaps::{self, Unnatural};
 use super::jam;
+use super::judge::{Judge, commanded};
 use super::run::Rollout;
 use super::window::{Goals, HISTORY};
 use robert_base::rng::{Rng, Stream};
@@ -48,6 +49,7 @@ pub(super) struct Detours {
     /// Its states, 30 of history first; (30 + frames, S). The penalty of its gaps, rad or m.
     states: Vec<f64>,
     gaps: f64,
+    judge: Judge,
     /// Where joints stay away from their goals in it, or move unnaturally.
     places: Vec<Place>,
     /// The error of each of its frames, summed over joints.
@@ -71,14 +73,21 @@ pub(super) struct Try {
 impl Detours {
     /// Searches about the motion with these `states`, (30 + frames, S), and the correction `shift`,
     /// (frames, S). The policy sees the `plan`.
-    pub(super) fn new(goals: &Goals, plan: &Goals, states: &[f64], shift: &[f64]) -> Detours {
+    pub(super) fn new(
+        goals: &Goals,
+        plan: &Goals,
+        states: &[f64],
+        shift: &[f64],
+        judge: &Judge,
+    ) -> Detours {
         let reached = reached(goals, states);
         Detours {
             shift: shift.to_vec(),
             states: states.to_vec(),
             gaps: gaps::penalty(goals, states),
-            places: places(goals, plan, states),
-            errors: (0..goals.frames()).map(|f| error_at(goals, reached, f)).collect(),
+            places: places(goals, plan, states, judge),
+            errors: (0..goals.frames()).map(|f| judge.error_at(goals, reached, f)).collect(),
+            judge: judge.clone(),
             tries: 0,
         }
     }
@@ -87,7 +96,8 @@ impl Detours {
     pub(super) fn go_on(&mut self, better: &Rollout) {
         let (goals, plan) = (better.goals(), better.plan());
         let shift = better.shift().unwrap_or(&self.shift);
-        *self = Detours { tries: self.tries, ..Detours::new(goals, plan, better.states(), shift) };
+        let new = Detours::new(goals, plan, better.states(), shift, &self.judge);
+        *self = Detours { tries: self.tries, ..new };
     }
 
     /// The next correction to be tried; none if every joint arrives and moves naturally.
@@ -135,14 +145,14 @@ impl Detours {
     pub(super) fn promises(&self, one: &mut Try, trial: &Rollout) -> bool {
         let (goals, frame) = (trial.goals(), trial.frame());
         while one.summed <= frame {
-            let error = error_at(goals, trial.reached(), one.summed);
+            let error = self.judge.error_at(goals, trial.reached(), one.summed);
             one.worse += error - self.errors[one.summed];
             one.summed += 1;
         }
         if one.worse >= PATIENCE {
             return false;
         }
-        let gains = || error_at(goals, trial.reached(), frame) < self.errors[frame];
+        let gains = || self.judge.error_at(goals, trial.reached(), frame) < self.errors[frame];
         if one.compared || frame < one.settled || gains() {
             return true;
         }
@@ -158,7 +168,7 @@ impl Detours {
 /// The frames that a search may simulate: none if every joint arrives and moves naturally. `states`
 /// is (30 + frames, S).
 pub(super) fn budget(goals: &Goals, plan: &Goals, states: &[f64]) -> usize {
-    if places(goals, plan, states).is_empty() {
+    if places(goals, plan, states, &Judge::default()).is_empty() {
         return 0;
     }
     // The fewer joints a robot has, the faster it simulates and the more it can try in the same time.
@@ -166,12 +176,13 @@ pub(super) fn budget(goals: &Goals, plan: &Goals, states: &[f64]) -> usize {
 }
 
 /// Joints and frames far from their goals, and those with the worst motion in gaps.
-fn places(goals: &Goals, plan: &Goals, states: &[f64]) -> Vec<Place> {
+fn places(goals: &Goals, plan: &Goals, states: &[f64], judge: &Judge) -> Vec<Place> {
     let (d, reached) = (goals.dim(), reached(goals, states));
     let place = |i: usize| {
         let (frame, joint) = (i / d, i % d);
-        let cost = (reached[i] - goals.row(frame)[joint]).abs();
-        (goals.is_visible(frame, joint) && cost > jam::FAR).then_some(Place { frame, joint, cost })
+        let error = (reached[i] - goals.row(frame)[joint]).abs();
+        let cost = judge.weight(goals, frame, joint) * error;
+        (goals.is_visible(frame, joint) && error > jam::FAR).then_some(Place { frame, joint, cost })
     };
     let mut found: Vec<_> = (d..goals.frames() * d).filter_map(place).collect();
     for jam in
@@ -193,21 +204,6 @@ fn places(goals: &Goals, plan: &Goals, states: &[f64]) -> Vec<Place> {
 /// `states` from frame 0 on.
 fn reached<'a>(goals: &Goals, states: &'a [f64]) -> &'a [f64] {
     &states[HISTORY * goals.dim()..]
-}
-
-/// The number of goals. Precision is the mean error over them.
-fn commanded(goals: &Goals) -> f64 {
-    let seen = |f: usize| (0..goals.dim()).filter(move |&j| goals.is_visible(f, j)).count();
-    (1..goals.frames()).map(seen).sum::<usize>() as f64
-}
-
-/// The sum of the errors of a frame.
-fn error_at(goals: &Goals, reached: &[f64], f: usize) -> f64 {
-    let d = goals.dim();
-    (0..d)
-        .filter(|&j| goals.is_visible(f, j))
-        .map(|j| (reached[f * d + j] - goals.row(f)[j]).abs())
-        .sum()
 }
 
 #[cfg(test)]
@@ -236,7 +232,8 @@ mod tests {
         let goals = goals();
         let states = away(1, 30, 55);
         assert_eq!(budget(&goals, &goals, &states), 4 * BUDGET * FRAMES);
-        let mut detours = Detours::new(&goals, &goals, &states, &vec![0.4; 3 * FRAMES]);
+        let mut detours =
+            Detours::new(&goals, &goals, &states, &vec![0.4; 3 * FRAMES], &Judge::default());
         let mut moved = [0; 3];
         for _ in 0..200 {
             let tried = detours.next(&goals).unwrap().shift;
@@ -253,7 +250,11 @@ mod tests {
         let goals = goals();
         let states: Vec<f64> = away(0, 30, 40).iter().map(|x| 0.2 * x).collect();
         assert_eq!(budget(&goals, &goals, &states), 0);
-        assert!(Detours::new(&goals, &goals, &states, &[0.0; 3 * FRAMES]).next(&goals).is_none());
+        assert!(
+            Detours::new(&goals, &goals, &states, &[0.0; 3 * FRAMES], &Judge::default())
+                .next(&goals)
+                .is_none()
+        );
     }
 
     #[test]
@@ -263,12 +264,12 @@ mod tests {
         let command =
             Command::from_dense(names, vec![0.0; 3], vec![0.0; 3 * FRAMES], seen).unwrap();
         let goals = Goals::new(&command);
-        let found = places(&goals, &goals.smooth(), &away(2, 8, 11));
+        let found = places(&goals, &goals.smooth(), &away(2, 8, 11), &Judge::default());
         let all: Vec<_> = found.iter().map(|p| p.joint).collect();
         assert_eq!(all, [2], "{found:?}");
         assert!((8..11).contains(&found[0].frame));
         // A policy that does not see goals in the gap is led by the nearest one.
-        assert_eq!(places(&goals, &goals, &away(2, 8, 11))[0].frame, 20);
+        assert_eq!(places(&goals, &goals, &away(2, 8, 11), &Judge::default())[0].frame, 20);
         // .18 rad beyond the allowance, which weighs .06 of the Precision of 40 frames.
         assert!((found[0].cost - 0.18 * 0.06 * 3.0 * 40.0).abs() < 1e-9, "{found:?}");
     }

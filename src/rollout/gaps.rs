@@ -269,12 +269,6 @@ pub(super) fn cubic_error(goals: &Goals, history: &[f64], truth: &[f64]) -> Opti
     (n > 0).then(|| sum / n as f64)
 }
 
-/// What decides between motions, the smaller the better: Precision with the penalty for unnatural
-/// motion in gaps, rad or m. `None` if nothing was commanded.
-pub(super) fn score(rollout: &Rollout) -> Option<f64> {
-    Some(rollout.precision().precision? + unnatural(rollout))
-}
-
 /// Penalty of the motion inside gaps, rad or m: for overshoot, long paths and jerk.
 pub(super) fn unnatural(rollout: &Rollout) -> f64 {
     penalty(rollout.goals(), rollout.states())

@@ -8,7 +8,8 @@
 //! is: errors are measured against it.
 
 use super::error::Error;
-use super::gaps::{score, unnatural};
+use super::gaps::unnatural;
+use super::judge::Judge;
 use super::registry::PolicyConfig;
 use super::run::Rollout;
 use super::window::Goals;
@@ -137,6 +138,7 @@ pub(super) struct Repeats {
     pub(super) frames: usize,
     /// How often a better motion was found.
     pub(super) improvements: usize,
+    judge: Judge,
     over: bool,
 }
 
@@ -151,7 +153,8 @@ impl Repeats {
         first: &Rollout,
         [mut trial, spare]: [Rollout; 2],
     ) -> Result<Option<Repeats>, Error> {
-        let Some(least) = score(first).filter(|_| first.frames() <= LONGEST) else {
+        let judge = Judge::default();
+        let Some(least) = judge.score(first).filter(|_| first.frames() <= LONGEST) else {
             return Ok(None);
         };
         let mut correction = Correction::new(first.plan());
@@ -170,6 +173,7 @@ impl Repeats {
             states: first.states().to_vec(),
             frames: 0,
             improvements: 0,
+            judge,
             over: false,
         }))
     }
@@ -209,7 +213,7 @@ impl Repeats {
 
     /// Keeps the trial if it is better, and goes on with another rollout.
     pub(super) fn keep_trial(&mut self) {
-        if score(&self.trial).is_none_or(|e| e >= self.least) {
+        if self.judge.score(&self.trial).is_none_or(|e| e >= self.least) {
             return;
         }
         if let Some(next) = self.best.take().or_else(|| self.spare.take()) {
@@ -220,9 +224,28 @@ impl Repeats {
 
     /// Keeps a better motion; the one before.
     pub(super) fn keep(&mut self, better: Rollout) -> Option<Rollout> {
-        (self.least, self.gaps) = (score(&better).unwrap_or(self.least), unnatural(&better));
+        self.measure(&better);
         self.improvements += 1;
         self.best.replace(better)
+    }
+
+    /// Judges motions by another measure from now on.
+    pub(super) fn judge_by(&mut self, judge: Judge) {
+        self.judge = judge;
+        if let Some(best) = self.best.take() {
+            self.measure(&best);
+            self.best = Some(best);
+        }
+    }
+
+    /// What decides between motions.
+    pub(super) fn judge(&self) -> &Judge {
+        &self.judge
+    }
+
+    fn measure(&mut self, best: &Rollout) {
+        self.least = self.judge.score(best).unwrap_or(self.least);
+        self.gaps = unnatural(best);
     }
 
     /// The best motion, if it is better than the one from which it learned.
@@ -282,6 +305,7 @@ mod tests {
         };
         let mut first = fresh();
         first.run(&Cancel::default()).unwrap();
+        let score = |r: &Rollout| Judge::default().score(r);
         let before = score(&first).unwrap();
         let repeats = Repeats::new((0, &policy), &first, [fresh(), fresh()]).unwrap();
         let mut repeats = repeats.unwrap();

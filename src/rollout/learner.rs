@@ -2,12 +2,15 @@
 //!
 //! The best contenders repeat the clip and correct their goals ([`super::ilc`]). The nearest one goes
 //! on: if joints still stay away from their goals, or move unnaturally in a gap, it follows the path of
-//! a planner ([`super::planned`]), and then searches for detours ([`super::detour`]).
+//! a planner ([`super::planned`]), and then searches for detours ([`super::detour`]). If a joint still
+//! jams, it searches again under a strict judge ([`super::judge`]).
 
 use super::detour::{self, Detours, Try};
 use super::error::Error;
-use super::gaps::{score, unnatural};
+use super::gaps::unnatural;
 use super::ilc::Repeats;
+use super::jam::{self, Off};
+use super::judge::Judge;
 use super::planned::{self, Planned};
 use super::run::Rollout;
 
@@ -17,6 +20,8 @@ const CHECKS: usize = 4;
 const GAINS: f64 = 0.0005;
 /// The number of contenders that repeat the clip.
 pub(super) const RACERS: usize = 3;
+/// A search under a strict judge may simulate a share of the frames: one in so many.
+const STRICT: usize = 2;
 /// Tries of the search that are simulated at once, from the same motion. The number is fixed, so
 /// that the result does not depend on the number of threads.
 const AT_ONCE: usize = 4;
@@ -65,6 +70,12 @@ pub(super) struct Learner {
     /// rollouts for more.
     budget: usize,
     planned: Option<Planned>,
+    /// Frames at which joints are off their goals on the planner's path, once it is known.
+    floor: Option<Vec<Off>>,
+    /// The frames of the search under a strict judge; 0 once it has begun.
+    strict: usize,
+    /// The smallest error of the motions from which the contenders learned. What is kept is better.
+    first: f64,
     detours: Option<Detours>,
     attempts: Vec<Attempt>,
     spare: Vec<Rollout>,
@@ -82,10 +93,14 @@ impl Learner {
     /// A learner on `threads` threads, on whose number the result does not depend. `None` without a
     /// racer.
     pub(super) fn new(racers: Vec<Repeats>, threads: usize) -> Option<Learner> {
+        let first = racers.iter().map(|r| r.least).fold(f64::INFINITY, f64::min);
         (!racers.is_empty()).then(|| Learner {
             racers,
+            first,
             budget: 0,
             planned: None,
+            floor: None,
+            strict: 0,
             detours: None,
             attempts: Vec::new(),
             spare: Vec::new(),
@@ -102,7 +117,7 @@ impl Learner {
     pub(super) fn step(&mut self, fresh: impl Fn(usize) -> Result<Rollout, Error>) -> bool {
         let going = !self.over
             && match self.stage() {
-                Stage::Search => self.search(),
+                Stage::Search => self.search() || self.search_strictly(),
                 Stage::Plan | Stage::Follow => self.follow() || self.begin_search(&fresh),
                 Stage::Correct => self.race() || self.begin_plan() || self.begin_search(&fresh),
             };
@@ -235,7 +250,9 @@ impl Learner {
     /// Begins to search; false if every joint arrives by now.
     fn begin_search(&mut self, fresh: &dyn Fn(usize) -> Result<Rollout, Error>) -> bool {
         // The plan has been followed.
-        self.planned = None;
+        let planned = self.planned.take();
+        self.floor = planned.and_then(|p| p.off(jam::NEAR));
+        self.strict = self.budget / STRICT;
         let lead = self.lead();
         let (goals, plan, states) = (lead.trial.goals(), lead.trial.plan(), lead.best_states());
         if self.budget == 0 || detour::budget(goals, plan, states) == 0 {
@@ -247,10 +264,31 @@ impl Learner {
         let Ok(rollouts) = rollouts else { return false };
         let none = vec![0.0; plan.frames() * plan.dim()];
         let shift = lead.best().and_then(Rollout::shift).unwrap_or(&none);
-        self.detours = Some(Detours::new(goals, plan, states, shift));
+        self.detours = Some(Detours::new(goals, plan, states, shift, lead.judge()));
         self.spare = rollouts;
         self.check_every = self.budget / CHECKS;
         self.check = (self.budget - self.check_every, self.lead().least);
+        true
+    }
+
+    /// Searches again if a joint jams in the best motion; false if none does.
+    fn search_strictly(&mut self) -> bool {
+        let budget = std::mem::take(&mut self.strict);
+        // The tries that the end of the first search cut off were compared with another measure.
+        self.spare.extend(self.attempts.drain(..).map(|a| a.rollout));
+        let (Some(best), Some(floor)) = (self.lead().best(), &self.floor) else { return false };
+        let jams = jam::jams(&jam::off(best.goals(), best.reached(), jam::FAR), floor);
+        if budget == 0 || jams.is_empty() {
+            return false;
+        }
+        let judge = Judge::strict(best, &jams, self.first);
+        let shift = best.shift().unwrap_or_default();
+        let detours = Detours::new(best.goals(), best.plan(), best.states(), shift, &judge);
+        self.detours = Some(detours);
+        self.lead_mut().judge_by(judge);
+        self.budget = budget;
+        self.check_every = budget / CHECKS;
+        self.check = (budget - self.check_every, self.lead().least);
         true
     }
 
@@ -308,7 +346,8 @@ impl Learner {
     /// Goes on from the best of the tries, if one is better.
     fn adopt_best(&mut self) {
         let (least, gaps) = (self.lead().least, self.lead().gaps);
-        let score = |a: &Attempt| score(&a.rollout).filter(|_| a.rollout.is_done());
+        let judge = self.lead().judge();
+        let score = |a: &Attempt| a.rollout.is_done().then(|| judge.score(&a.rollout)).flatten();
         let scores = self.attempts.iter().enumerate().filter_map(|(at, a)| Some((at, score(a)?)));
         let fair =
             scores.filter(|(at, e)| *e < least && unnatural(&self.attempts[*at].rollout) <= gaps);
@@ -376,7 +415,7 @@ mod tests {
                 assert!(learner.step(fresh));
             }
             let before = (learner.lead().least, learner.lead().gaps);
-            let most = learner.frames_left() + AT_ONCE * CHUNK;
+            let most = learner.frames_left() + learner.strict + 2 * AT_ONCE * CHUNK;
             let frames = learner.frames();
             while learner.step(fresh) {}
             assert!(learner.frames() - frames <= most, "{} of {most}", learner.frames() - frames);
@@ -384,7 +423,8 @@ mod tests {
             (before, learner)
         };
         let ((passes, gaps), learner) = search(1);
-        assert!(learner.lead().least < passes, "{} {passes}", learner.lead().least);
+        let least = Judge::default().score(learner.best().unwrap()).unwrap();
+        assert!(least < passes, "{least} {passes}");
         assert!(learner.lead().gaps <= gaps, "no way leads through unnatural motion in gaps");
         let (_, on_three) = search(3);
         assert_eq!(on_three.best().unwrap().actions(), learner.best().unwrap().actions());

@@ -25,6 +25,7 @@ mod ilqr;
 mod infill;
 mod inverse;
 mod jam;
+mod judge;
 mod learned;
 mod learner;
 mod live;

@@ -6,6 +6,7 @@
 //! reached.
 
 use super::error::Error;
+use super::jam::{self, Off};
 use super::registry::PolicyConfig;
 use super::run::Rollout;
 use super::window::Goals;
@@ -67,6 +68,13 @@ impl Planned {
         let moved = between_goals(self.planner.goals(), missed);
         self.shift.iter_mut().zip(moved).for_each(|(s, m)| *s += m);
         &self.shift
+    }
+
+    /// Frames at which joints are more than `limit` off their goals on the path; `None` if it was not
+    /// planned to its end.
+    pub(super) fn off(&self, limit: f64) -> Option<Vec<Off>> {
+        let planner = &self.planner;
+        planner.is_done().then(|| jam::off(planner.goals(), planner.reached(), limit))
     }
 
     /// Frames that are still to be planned.

@@ -1,7 +1,7 @@
 //! Adds what torque control needs and a foreign model lacks: motors with limits, our kinds of
 //! joints.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::sync::Arc;
 
@@ -103,8 +103,10 @@ pub(super) fn actuators(
     } else {
         Bearable::default()
     };
+    let endless = if keep { endless_slides(draft, model) } else { BTreeSet::new() };
     let as_it_is = !told
         && changes.is_empty()
+        && endless.is_empty()
         && draft.words.torque.is_empty()
         && draft.effortless.is_empty()
         && (0..model.nu()).all(good);
@@ -150,8 +152,19 @@ pub(super) fn actuators(
         return Err(Error::Unfit { message, path: config.source.clone() });
     }
     let (damping, armature) = changed_joints(draft, model, &changes);
+    let texts = |values: BTreeMap<String, f64>| -> BTreeMap<String, String> {
+        values.into_iter().map(|(name, value)| (name, value.to_string())).collect()
+    };
+    let ranges = slide_ranges(draft, &endless, &motors);
+    let limited = ranges.keys().map(|name| (name.clone(), "true".to_owned())).collect();
+    let attributes = [
+        ("damping", texts(damping)),
+        ("armature", texts(armature)),
+        ("limited", limited),
+        ("range", ranges),
+    ];
     let mut xml = without_actuators(draft, config)?;
-    for (attribute, values) in [("damping", damping), ("armature", armature)] {
+    for (attribute, values) in attributes {
         xml = text::with_joints(&xml, attribute, &values).map_err(|e| {
             let joint = match e {
                 text::JointsError::NoJoint(name) => name,
@@ -168,6 +181,35 @@ pub(super) fn actuators(
     motors.iter().for_each(|m| m.write(&mut section));
     section.push_str("</actuator>");
     draft.append(&section, &config.source)
+}
+
+/// The slides without stops that position servos drive, by name.
+fn endless_slides(draft: &Draft, model: &Model) -> BTreeSet<String> {
+    let slide = |a: usize| {
+        let Some(Transmission::Joint(j)) = model.transmission(a) else { return None };
+        let endless = model.joint_type(j) == Some(Joint::Slide) && model.jnt_limited()[j] == 0;
+        let servo = servo_law(draft, model, a).is_some_and(|law| law.is_position());
+        model.name(Kind::Joint, j).filter(|_| endless && servo)
+    };
+    (0..model.nu()).filter_map(slide).map(str::to_owned).collect()
+}
+
+/// The ranges of these slides: as far as their servos go. The place of a slide with a range is seen
+/// by policies, which a servo needs; without one, only its motion is.
+fn slide_ranges(
+    draft: &mut Draft,
+    endless: &BTreeSet<String>,
+    motors: &[Motor],
+) -> BTreeMap<String, String> {
+    let of = |m: &&Motor| m.attribute == "joint" && endless.contains(&m.target);
+    let range = |m: &Motor| ordered(m.limit.map(|v| v / m.gear));
+    let ranges: BTreeMap<_, _> = motors.iter().filter(of).map(|m| (&m.target, range(m))).collect();
+    for (name, [lo, hi]) in &ranges {
+        draft
+            .changed
+            .push(format!("slide \"{name}\" ends where its servo does: {lo:.4} to {hi:.4}"));
+    }
+    ranges.into_iter().map(|(name, [lo, hi])| (name.clone(), format!("{lo} {hi}"))).collect()
 }
 
 /// Whether an equality ties the joint to another one.
