@@ -33,7 +33,7 @@ use crate::rollout::{
 use crate::train::evaluator::SuiteEvaluator;
 use crate::train::penalty::{self, Choice};
 use crate::train::read_config;
-use crate::train::{ContactTarget, Evaluate, Finished, Options, TrainConfig, train};
+use crate::train::{ContactTarget, Evaluate, Options, TrainConfig, train};
 use crate::units::{Unit, count};
 
 /// Steps of the run that measures the speed of this machine.
@@ -183,24 +183,23 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         args.out.display()
     ));
 
-    let mut trained = None;
+    // A network of an earlier run in this folder counts, too.
+    let mut trained = model_path(&places.run).is_file();
     if minutes > 0.0 {
         say(&format!("4 train: RoBERT, about {minutes} minutes"));
-        trained = Some(teach(args, &robot, &data, &places, threads, &cancel, global)?);
+        teach(args, &robot, &data, &places, threads, &cancel, global)?;
+        trained = true;
     }
 
     let last = if args.minutes > 0.0 { 5 } else { 4 };
     say(&format!("{last} compare: trial clips that nothing was chosen on"));
-    let found = compare(&robot, &places, trained.is_some(), REPORT, threads, &cancel, global)?;
+    let found = compare(&robot, &places, trained, REPORT, threads, &cancel, global)?;
     let mut choice = Vec::new();
     for seed in CHOOSE {
-        choice.push(compare(&robot, &places, trained.is_some(), seed, threads, &cancel, global)?);
+        choice.push(compare(&robot, &places, trained, seed, threads, &cancel, global)?);
     }
     // The network comes first, because it has learned more than the clips demand.
-    let learned = match trained {
-        Some(_) => nearest(&choice, &["robert", "ridge"]),
-        None => "ridge",
-    };
+    let learned = if trained { nearest(&choice, &["robert", "ridge"]) } else { "ridge" };
     let kept = nearest(&choice, &[learned, "pd"]);
     keep(kept, learned, &places, &args.out)?;
     report(args, &robot, &found, kept, instant_secs, since())
@@ -282,7 +281,7 @@ fn teach(
     threads: usize,
     cancel: &Cancel,
     global: Global,
-) -> Outcome<Finished> {
+) -> Outcome {
     let cfg = if places.run.join("config.toml").is_file() {
         read_config(&places.run)?
     } else {
@@ -317,7 +316,7 @@ fn teach(
             format!("stopped at step {} of {}; the same command goes on", done.step, done.steps);
         return Err(Failure::with(crate::exit::Exit::Interrupted, hint));
     }
-    Ok(done)
+    Ok(())
 }
 
 /// Ends after Ctrl-C, before what was cut short counts as a result.

@@ -81,3 +81,31 @@ pub(super) fn commanded(goals: &Goals) -> f64 {
     let seen = |f: usize| (0..goals.dim()).filter(move |&j| goals.is_visible(f, j)).count();
     (1..goals.frames()).map(seen).sum::<usize>() as f64
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{PolicyConfig, PolicyName, RolloutConfig, Start, tasks};
+    use robert_base::progress::Cancel;
+    use robert_clip::compile;
+    use robert_robot::Robot;
+
+    #[test]
+    fn a_strict_judge_counts_the_frames_of_a_jam_five_times() {
+        let robot = Arc::new(Robot::builtin("pointmass").unwrap());
+        let command = compile(&tasks::find("pointmass/star", None).unwrap()).unwrap();
+        let pd = PolicyConfig::new(PolicyName::Pd).build(&robot).unwrap();
+        let config = RolloutConfig::default();
+        let mut rollout = Rollout::new(&robot, pd, &command, Start::Pose, config).unwrap();
+        rollout.run(&Cancel::default()).unwrap();
+        let usual = Judge::default().score(&rollout).unwrap();
+        let jam = Off { joint: 1, from: 10, to: 40 };
+        let goals = rollout.goals();
+        let error = |f: usize| (rollout.reached()[2 * f + 1] - goals.row(f)[1]).abs();
+        let more = 4.0 * (10..40).map(error).sum::<f64>() / commanded(goals);
+        let strict = Judge::strict(&rollout, &[jam], f64::INFINITY).score(&rollout).unwrap();
+        assert!(more > 0.0 && (strict - usual - more).abs() < 1e-12, "{strict} {usual} {more}");
+        // What would be worse than the first motions is no choice.
+        assert_eq!(Judge::strict(&rollout, &[jam], 0.9 * usual).score(&rollout), None);
+    }
+}
