@@ -16,7 +16,8 @@ use robert_base::rng::{Rng, Stream};
 
 /// The most frames of the regression.
 const SAMPLES: u64 = 60_000;
-/// Draws per wanted frame after which frames in self-contact are accepted too.
+/// The most draws per wanted frame. In the second half of them frames in self-contact are accepted
+/// too.
 const PICKY: u64 = 10;
 /// Earlier changes of state in the regression.
 const PAST: usize = 3;
