@@ -189,7 +189,8 @@ fn endless_slides(draft: &Draft, model: &Model) -> BTreeSet<String> {
         let Some(Transmission::Joint(j)) = model.transmission(a) else { return None };
         let endless = model.joint_type(j) == Some(Joint::Slide) && model.jnt_limited()[j] == 0;
         let servo = servo_law(draft, model, a).is_some_and(|law| law.is_position());
-        model.name(Kind::Joint, j).filter(|_| endless && servo)
+        let pulls = model.actuator_gear()[6 * a] != 0.0;
+        model.name(Kind::Joint, j).filter(|_| endless && servo && pulls)
     };
     (0..model.nu()).filter_map(slide).map(str::to_owned).collect()
 }
