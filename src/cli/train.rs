@@ -11,7 +11,7 @@ use super::interrupt::cancel_on_ctrl_c;
 use super::{motion, out};
 use crate::dataset::{Dataset, Verify};
 use crate::exit::Exit;
-use crate::gpu::Choice;
+use crate::gpu::{Choice, Precision, Request};
 use crate::train::evaluator::SuiteEvaluator;
 use crate::train::hindsight::Simulated;
 use crate::train::{
@@ -20,7 +20,7 @@ use crate::train::{
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert train --robot ur5e --data data/ur5e --out runs/first\n  robert train --robot ur5e --data data/ur5e --preset instant --out runs/linear\n  robert train --robot ur5e --data data/ur5e --preset ur-small --set lr=5e-4 --out runs/b\n  robert train --resume runs/b\n  robert train --robot ur5e --data data/ur5e --preset paper-ur5e --device gpu"
+    after_help = "Examples:\n  robert train --robot ur5e --data data/ur5e --out runs/first\n  robert train --robot ur5e --data data/ur5e --preset instant --out runs/linear\n  robert train --robot ur5e --data data/ur5e --preset ur-small --set lr=5e-4 --out runs/b\n  robert train --resume runs/b\n  robert train --robot ur5e --data data/ur5e --preset paper-ur5e --device gpu --half"
 )]
 pub(super) struct Args {
     /// The robot of the data.
@@ -54,6 +54,10 @@ pub(super) struct Args {
     /// driver.
     #[arg(long, value_name = "auto|cpu|gpu[:N]", default_value_t = Choice::Cpu)]
     device: Choice,
+    /// Let the card multiply 16-bit factors on its matrix units, with 32-bit sums: several times
+    /// faster, less exact.
+    #[arg(long)]
+    half: bool,
     /// Minutes between checkpoints.
     #[arg(long, default_value_t = 2.0)]
     checkpoint_mins: f64,
@@ -85,6 +89,8 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let mut perform = Simulated { robot: Arc::clone(&robot), threads };
     let bar = Bar::new("train", "steps", global.quiet);
     let cancel = cancel_on_ctrl_c();
+    let precision = if args.half { Precision::Half } else { Precision::Single };
+    let request = Request { choice: args.device, precision };
     let options = Options {
         dir: dir.clone(),
         threads,
@@ -95,7 +101,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         cancel: &cancel,
         perform: Some(&mut perform),
         evaluator: evaluator.as_mut().map(|j| j as &mut dyn Evaluate),
-        engines: Some(&args.device),
+        engines: Some(&request),
         meta: serde_json::json!({
             "version": env!("CARGO_PKG_VERSION"),
             "argv": std::env::args().collect::<Vec<_>>(),

@@ -48,6 +48,26 @@ impl std::fmt::Display for Choice {
     }
 }
 
+/// How a card multiplies matrices.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Precision {
+    /// In 32 bits.
+    #[default]
+    Single,
+    /// Factors rounded to 16 bits, sums in 32, on the card's matrix units. Everything else, and
+    /// the weights, are in 32 bits.
+    Half,
+}
+
+/// What an engine is asked to run on.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Request {
+    /// The processor or a card.
+    pub choice: Choice,
+    /// How a card multiplies.
+    pub precision: Precision,
+}
+
 /// A graphics card.
 #[derive(Clone, Debug)]
 pub struct Card {

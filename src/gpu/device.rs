@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::adapter::Card;
+use super::adapter::{Card, Precision};
 use super::{Error, adapter};
 
 /// The memory and binding sizes of a card that a training step may use.
@@ -14,6 +14,15 @@ pub struct Room {
     pub activation_bytes: u64,
 }
 
+/// Matrix units: square matrices of 16-bit factors with 32-bit sums, multiplied by a subgroup.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Units {
+    /// Rows and columns of a matrix.
+    pub(crate) side: usize,
+    /// Threads of a subgroup.
+    pub(crate) lanes: usize,
+}
+
 /// An open device.
 #[derive(Debug)]
 pub struct Device {
@@ -21,6 +30,8 @@ pub struct Device {
     pub(crate) queue: wgpu::Queue,
     name: String,
     room: Room,
+    /// The units that multiply, if matrices are multiplied in 16 bits.
+    units: Option<Units>,
     /// The first thing that went wrong, in the driver's words.
     fault: Arc<Mutex<Option<String>>>,
 }
@@ -33,20 +44,60 @@ pub(crate) struct Span {
     pub(crate) bytes: u64,
 }
 
+/// What products of 16-bit matrices need.
+const MATRICES: wgpu::Features = wgpu::Features::SHADER_F16
+    .union(wgpu::Features::SUBGROUP)
+    .union(wgpu::Features::EXPERIMENTAL_COOPERATIVE_MATRIX);
+
+/// The card's units that the kernels can use.
+fn units(card: &Card) -> Result<Units, Error> {
+    use wgpu::CooperativeScalarType::{F16, F32};
+    let unfit = |why: String| Error::Unfit { device: card.name.clone(), why };
+    if !card.adapter.features().contains(MATRICES) {
+        return Err(unfit("its driver offers no matrices of 16-bit numbers".to_owned()));
+    }
+    let info = card.adapter.get_info();
+    let lanes = info.subgroup_min_size as usize;
+    let offered = card.adapter.cooperative_matrix_properties();
+    let side = offered.iter().find_map(|p| {
+        let square = p.m_size == p.n_size && p.m_size == p.k_size;
+        let side = p.m_size as usize;
+        // Each thread of a workgroup then reads four quads of either factor.
+        let fits = info.subgroup_max_size as usize == lanes && side * side == 8 * lanes;
+        (square && fits && (p.ab_type, p.cr_type) == (F16, F32)).then_some(side)
+    });
+    side.map(|side| Units { side, lanes }).ok_or_else(|| {
+        unfit(format!("its matrices of 16-bit numbers do not fit subgroups of {lanes} threads"))
+    })
+}
+
+/// Leave to use matrices.
+#[expect(unsafe_code, reason = "wgpu wants it for what is new")]
+fn experimental() -> wgpu::ExperimentalFeatures {
+    // SAFETY: wgpu asks for it because there may be mistakes in its matrices. Tests compare the
+    // kernels that use them with the processor's results.
+    unsafe { wgpu::ExperimentalFeatures::enabled() }
+}
+
 impl Device {
     /// Opens the card of this number, or the first; see [`adapter::cards`].
     ///
     /// # Errors
     /// [`Error::Absent`], [`Error::Number`], [`Error::Broken`].
-    pub fn open(number: Option<usize>, software: bool) -> Result<Self, Error> {
-        Self::of(&adapter::choose(number, software)?)
+    pub fn open(
+        number: Option<usize>,
+        software: bool,
+        precision: Precision,
+    ) -> Result<Self, Error> {
+        Self::of(&adapter::choose(number, software)?, precision)
     }
 
     /// Opens this card.
     ///
     /// # Errors
-    /// [`Error::Broken`].
-    pub fn of(card: &Card) -> Result<Self, Error> {
+    /// [`Error::Broken`]; [`Error::Unfit`], also for a card without units that multiply matrices
+    /// of 16-bit numbers, if these are wanted.
+    pub fn of(card: &Card, precision: Precision) -> Result<Self, Error> {
         let broken = |why: String| Error::Broken { device: card.name.clone(), why };
         let limits = card.adapter.limits();
         if limits.max_compute_invocations_per_workgroup < 256
@@ -55,13 +106,19 @@ impl Device {
             let why = "it has fewer than 256 threads or 16 KiB in a workgroup".to_owned();
             return Err(Error::Unfit { device: card.name.clone(), why });
         }
+        let units = match precision {
+            Precision::Single => None,
+            Precision::Half => Some(units(card)?),
+        };
         let room = Room {
             binding_bytes: limits.max_storage_buffer_binding_size.min(limits.max_buffer_size),
-            activation_bytes: if card.software { 1 << 29 } else { 1 << 31 },
+            activation_bytes: if card.software { 1 << 29 } else { 1 << 34 },
         };
         let description = wgpu::DeviceDescriptor {
             label: Some("robert training"),
             required_limits: limits,
+            required_features: if units.is_some() { MATRICES } else { wgpu::Features::empty() },
+            experimental_features: units.map(|_| experimental()).unwrap_or_default(),
             memory_hints: wgpu::MemoryHints::MemoryUsage,
             ..wgpu::DeviceDescriptor::default()
         };
@@ -81,7 +138,7 @@ impl Device {
         device.on_uncaptured_error(Arc::new(move |e: wgpu::Error| noted(e.to_string())));
         let noted = note(&fault);
         device.set_device_lost_callback(move |_, why| noted(format!("device lost: {why}")));
-        Ok(Device { device, queue, name: card.name.clone(), room, fault })
+        Ok(Device { device, queue, name: card.name.clone(), room, units, fault })
     }
 
     /// The card's name.
@@ -92,6 +149,11 @@ impl Device {
     /// The memory and binding sizes that a training step may use.
     pub fn room(&self) -> Room {
         self.room
+    }
+
+    /// The units that multiply, if matrices are multiplied in 16 bits.
+    pub(crate) fn units(&self) -> Option<Units> {
+        self.units
     }
 
     /// Uses less of it.

@@ -1,7 +1,7 @@
 //! Training on a card, behind the interface of the processor.
 
 use super::adam::{Adam, State, Update};
-use super::adapter::{Choice, software_wanted};
+use super::adapter::{Choice, Request, software_wanted};
 use super::device::{Device, Span};
 use super::host::{Filler, Host};
 use super::kernel::Tape;
@@ -431,18 +431,18 @@ impl Engine for GpuEngine {
     }
 }
 
-impl Engines for Choice {
+impl Engines for Request {
     fn open(
         &self,
         setup: Setup,
         progress: &dyn Progress,
     ) -> Result<Box<dyn Engine>, robert_net::Error> {
-        let number = match self {
+        let number = match self.choice {
             Choice::Cpu => return Ok(Box::new(CpuEngine::new(setup))),
             Choice::Auto => None,
-            Choice::Gpu(number) => *number,
+            Choice::Gpu(number) => number,
         };
-        let opened = Device::open(number, software_wanted());
+        let opened = Device::open(number, software_wanted(), self.precision);
         match opened.and_then(|gpu| GpuEngine::new(gpu, &setup)) {
             Ok(engine) => {
                 let at_once = engine.plan.windows;
@@ -463,6 +463,6 @@ impl Engines for Choice {
     }
 
     fn survives(&self) -> bool {
-        *self == Choice::Auto
+        self.choice == Choice::Auto
     }
 }

@@ -18,6 +18,14 @@ pub(crate) struct Step {
     work: f64,
 }
 
+/// What a kernel begins with that multiplies matrices of 16-bit numbers.
+const MATRICES: &str = "enable f16;\nenable wgpu_cooperative_matrix;\n";
+
+/// A kernel's whole source.
+fn text(begin: &str, source: &str) -> String {
+    format!("{begin}{}\n{source}", include_str!("functions.wgsl"))
+}
+
 /// The most operations in one submission: drivers reset a card whose submission takes seconds.
 const WORK: f64 = 2e11;
 
@@ -30,7 +38,15 @@ pub(crate) struct Tape {
 impl Kernel {
     /// Compiles `source` after the functions of single numbers.
     pub(crate) fn new(gpu: &Device, label: &str, source: &str, constants: &[(&str, f64)]) -> Self {
-        let text = format!("{}\n{source}", include_str!("functions.wgsl"));
+        Self::compile(gpu, label, &text("", source), constants)
+    }
+
+    /// As [`Kernel::new`], for a card that multiplies matrices of 16-bit numbers.
+    pub(crate) fn half(gpu: &Device, label: &str, source: &str, constants: &[(&str, f64)]) -> Self {
+        Self::compile(gpu, label, &text(MATRICES, source), constants)
+    }
+
+    fn compile(gpu: &Device, label: &str, text: &str, constants: &[(&str, f64)]) -> Self {
         let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some(label),
             source: wgpu::ShaderSource::Wgsl(text.into()),
@@ -136,8 +152,13 @@ mod tests {
     /// Needs no card: the kernels are parsed and checked as the driver's front end would.
     #[test]
     fn the_kernels_are_valid() {
-        use wgpu::naga;
-        let functions = include_str!("functions.wgsl");
+        use crate::device::Units;
+        use crate::product::{half, single};
+        let units = Units { side: 16, lanes: 32 };
+        let all = [false, true].map(|t| (format!("product_half {t}"), half(units, [t, !t])));
+        for (name, source) in all {
+            valid(&name, &super::text(super::MATRICES, &source), 49_152);
+        }
         for (name, source) in [
             ("adam", include_str!("adam.wgsl")),
             ("attend", include_str!("attend.wgsl")),
@@ -148,25 +169,33 @@ mod tests {
             ("norm", include_str!("norm.wgsl")),
             ("norm_back", include_str!("norm_back.wgsl")),
             ("place", include_str!("place.wgsl")),
-            ("product", include_str!("product.wgsl")),
+            ("product", &single()),
             ("squares", include_str!("squares.wgsl")),
         ] {
-            let text = format!("{functions}\n{source}");
-            let module = naga::front::wgsl::parse_str(&text)
-                .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(&text)));
-            let flags = naga::valid::ValidationFlags::all();
-            let capabilities = naga::valid::Capabilities::empty();
-            naga::valid::Validator::new(flags, capabilities)
-                .validate(&module)
-                .unwrap_or_else(|e| panic!("{name}: {e:?}"));
-            // WebGPU guarantees that much.
-            let shared: u32 = module
-                .global_variables
-                .iter()
-                .filter(|(_, v)| v.space == naga::AddressSpace::WorkGroup)
-                .map(|(_, v)| module.types[v.ty].inner.size(module.to_ctx()))
-                .sum();
-            assert!(shared <= 16_384, "{name} needs {shared} bytes of workgroup memory");
+            // WebGPU guarantees 16 KiB of workgroup memory.
+            valid(name, &super::text("", source), 16_384);
         }
+    }
+
+    fn valid(name: &str, text: &str, memory: u32) {
+        use wgpu::naga;
+        let module = naga::front::wgsl::parse_str(text)
+            .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(text)));
+        let flags = naga::valid::ValidationFlags::all();
+        let capabilities = if memory > 16_384 {
+            naga::valid::Capabilities::all()
+        } else {
+            naga::valid::Capabilities::empty()
+        };
+        naga::valid::Validator::new(flags, capabilities)
+            .validate(&module)
+            .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(text)));
+        let shared: u32 = module
+            .global_variables
+            .iter()
+            .filter(|(_, v)| v.space == naga::AddressSpace::WorkGroup)
+            .map(|(_, v)| module.types[v.ty].inner.size(module.to_ctx()))
+            .sum();
+        assert!(shared <= memory, "{name} needs {shared} bytes of workgroup memory");
     }
 }

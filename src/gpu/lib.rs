@@ -26,7 +26,7 @@ mod squares;
 #[cfg(test)]
 mod tests;
 
-pub use adapter::{Card, Choice, cards};
+pub use adapter::{Card, Choice, Precision, Request, cards};
 pub use device::{Device, Room};
 pub use engine::GpuEngine;
 pub use error::Error;

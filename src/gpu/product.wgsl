@@ -1,60 +1,9 @@
 // c = a b. A workgroup computes a tile of 64 x 64, each of its 16 x 16 threads 4 x 4 numbers in
 // registers. Rows are read as quads of four numbers; the number of columns is a multiple of four.
 
-struct Params {
-    m: u32,      // rows of c
-    n4: u32,     // quads in a row of c
-    k: u32,      // terms of each sum
-    a4: u32,     // quads in a row of a as stored
-    b4: u32,     // quads in a row of b as stored
-    slice: u32,  // terms of one slice, a multiple of 16
-    add: u32,    // whether c is added to
-}
-
-override A_T: bool = false;  // a is stored as (k, m)
-override B_T: bool = false;  // b is stored as (n, k)
-override END: u32 = 0u;      // what follows the sum, see finish()
-
-@group(0) @binding(0) var<uniform> p: Params;
-@group(0) @binding(1) var<storage, read> a: array<vec4<f32>>;
-@group(0) @binding(2) var<storage, read> b: array<vec4<f32>>;
-@group(0) @binding(3) var<storage, read> bias: array<vec4<f32>>;
-@group(0) @binding(4) var<storage, read> other: array<vec4<f32>>;
-@group(0) @binding(5) var<storage, read_write> c: array<vec4<f32>>;
-@group(0) @binding(6) var<storage, read_write> second: array<vec4<f32>>;
-
 // 16 terms of 64 rows of a and of 64 columns of b; a quad of padding spreads the banks.
 var<workgroup> left: array<vec4<f32>, 272>;
 var<workgroup> right: array<vec4<f32>, 272>;
-
-fn finish(row: u32, quad: u32, slice: u32, sum: vec4<f32>) {
-    if (row >= p.m || quad >= p.n4) {
-        return;
-    }
-    let at = row * p.n4 + quad;
-    switch END {
-        case 1u: { c[at] = sum + bias[quad]; }
-        case 2u: { c[at] = sum + bias[quad] + other[at]; }
-        case 3u: {
-            let u = sum + bias[quad];
-            let x = gelu(u.x);
-            let y = gelu(u.y);
-            let z = gelu(u.z);
-            let w = gelu(u.w);
-            c[at] = vec4(x.x, y.x, z.x, w.x);
-            second[at] = vec4(x.y, y.y, z.y, w.y);
-        }
-        case 4u: { c[at] = sum * other[at]; }
-        default: {
-            let to = slice * p.m * p.n4 + at;
-            if (p.add == 1u) {
-                c[to] += sum;
-            } else {
-                c[to] = sum;
-            }
-        }
-    }
-}
 
 @compute @workgroup_size(16, 16)
 fn main(@builtin(workgroup_id) tile: vec3<u32>, @builtin(local_invocation_index) t: u32) {

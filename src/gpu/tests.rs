@@ -2,12 +2,13 @@
 //! driver if there is one, so that a machine without a card runs all of them, else on any adapter.
 
 mod forward;
+mod half;
 mod kernels;
 mod steps;
 
 use super::device::{Device, Span};
 use super::kernel::{Step, Tape};
-use super::{Room, cards};
+use super::{Precision, Room, cards};
 use robert_base::rng::{Rng, Stream};
 
 /// An adapter, or a line that says that there is none.
@@ -19,7 +20,17 @@ pub(super) fn device() -> Option<Device> {
         );
         return None;
     };
-    Some(Device::of(&card).unwrap())
+    Some(Device::of(&card, Precision::Single).unwrap())
+}
+
+/// An adapter that multiplies matrices of 16-bit numbers, or a line that says that there is none.
+pub(super) fn half() -> Option<Device> {
+    let found = cards(true).into_iter().chain(cards(false));
+    let found = found.filter_map(|card| Device::of(&card, Precision::Half).ok()).next();
+    if found.is_none() {
+        println!("skipped: no adapter of this machine multiplies matrices of 16-bit numbers");
+    }
+    found
 }
 
 /// As [`device`], with a binding of at most 1 MiB.

@@ -8,7 +8,7 @@ use super::clock::median;
 use super::engine::{Size, Sizes, fill};
 use crate::cli::failure::Outcome;
 use crate::cli::out;
-use crate::gpu::{Device, GpuEngine, adapter};
+use crate::gpu::{Device, GpuEngine, Precision, adapter};
 use crate::net::{AdamConfig, Batch, Engine, Net, Setup};
 
 #[derive(Serialize)]
@@ -26,7 +26,7 @@ struct Row {
 
 /// Measures all sizes on the card of this number, or the first.
 pub(super) fn run(
-    number: Option<usize>,
+    on: (Option<usize>, Precision),
     sizes: &Sizes,
     batch: Option<usize>,
     threads: usize,
@@ -35,7 +35,7 @@ pub(super) fn run(
 ) -> Outcome {
     let mut rows = Vec::new();
     for size in sizes.iter() {
-        rows.push(measure(number, size, batch.unwrap_or(size.batch()), threads, secs)?);
+        rows.push(measure(on, size, batch.unwrap_or(size.batch()), threads, secs)?);
     }
     if json {
         return out::json(&serde_json::json!({"sizes": rows}));
@@ -59,7 +59,7 @@ pub(super) fn run(
 }
 
 fn measure(
-    number: Option<usize>,
+    on: (Option<usize>, Precision),
     size: Size,
     batch: usize,
     threads: usize,
@@ -73,7 +73,7 @@ fn measure(
         current_only: false,
         averages: false,
     };
-    let mut engine = GpuEngine::new(Device::open(number, adapter::software_wanted())?, &setup)?;
+    let mut engine = GpuEngine::new(Device::open(on.0, adapter::software_wanted(), on.1)?, &setup)?;
     let fill = |_: u64, w: usize, slot: usize, to: &mut Batch<f32>| fill(w, slot, to);
     let mut step = |index: u64| -> Outcome<f64> {
         let begin = Instant::now();

@@ -9,7 +9,7 @@ use super::clock::{median, process_cpu};
 use super::engine::{Size, Sizes, check_threads, fill, peak};
 use crate::cli::failure::{Failure, Outcome};
 use crate::cli::out;
-use crate::gpu::Choice;
+use crate::gpu::{Choice, Precision};
 use crate::net::{AdamConfig, Learner, Net};
 
 #[derive(clap::Args, Debug)]
@@ -28,6 +28,9 @@ pub(super) struct Args {
     /// Measures the processor, or a graphics card: gpu or gpu:N.
     #[arg(long, value_name = "cpu|gpu[:N]", default_value_t = Choice::Cpu)]
     device: Choice,
+    /// Let the card multiply 16-bit factors on its matrix units.
+    #[arg(long)]
+    half: bool,
     /// Seconds per size.
     #[arg(long, default_value_t = 10.0)]
     secs: f64,
@@ -74,8 +77,10 @@ pub(super) fn run(args: &Args) -> Outcome {
         Choice::Gpu(number) => Some(number),
     };
     if let Some(number) = number {
+        let precision = if args.half { Precision::Half } else { Precision::Single };
         let Args { sizes, batch, threads, secs, json, .. } = args;
-        return super::device::run(number, sizes, *batch, *threads, *secs, *json);
+        let on = (number, precision);
+        return super::device::run(on, sizes, *batch, *threads, *secs, *json);
     }
     let (mut rows, mut peaks) = (Vec::new(), Vec::new());
     for size in args.sizes.iter() {
