@@ -17,6 +17,8 @@ pub(crate) struct Update {
     pub(crate) lr: f64,
     /// Norm of the gradient.
     pub(crate) norm: f64,
+    /// The factor of the gradient in the buffer.
+    pub(crate) scale: f32,
     /// Steps applied, with this one.
     pub(crate) count: u64,
     /// Share of the new weights in the average.
@@ -58,12 +60,12 @@ impl Adam {
 impl Update {
     /// Parameters for `len` weights, as the kernel reads them.
     pub(crate) fn words(&self, len: usize) -> [u32; 12] {
-        let Update { adam, lr, norm, count, share } = *self;
+        let Update { adam, lr, norm, scale, count, share } = *self;
         let clip = if norm > adam.clip { adam.clip / (norm + 1e-6) } else { 1.0 };
         let count = i32::try_from(count).unwrap_or(i32::MAX);
         let bits = |x: f64| (x as f32).to_bits();
         [
-            bits(clip),
+            bits(clip / f64::from(scale)),
             bits(adam.beta1),
             bits(1.0 - adam.beta1),
             bits(adam.beta2),

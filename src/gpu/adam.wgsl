@@ -15,7 +15,7 @@ struct Params {
 }
 
 @group(0) @binding(0) var<uniform> p: Params;
-@group(0) @binding(1) var<storage, read> decays: array<u32>;   // (quads / 16)
+@group(0) @binding(1) var<storage, read> decays: array<u32>;   // (quads / 32)
 @group(0) @binding(2) var<storage, read> g: array<vec4<f32>>;
 @group(0) @binding(3) var<storage, read_write> w: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read_write> m: array<vec4<f32>>;
@@ -39,7 +39,7 @@ fn main(
     let second = v[i] * p.beta2 + grad * grad * p.rest2;
     m[i] = first;
     v[i] = second;
-    let keep = select(1.0, p.keep, decays[i / 16u] == 1u);
+    let keep = select(1.0, p.keep, decays[i / 32u] == 1u);
     let next = w[i] * keep - p.rate * (first / (sqrt(second) * p.root + p.eps));
     w[i] = next;
     if (AVERAGES) {

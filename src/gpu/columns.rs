@@ -8,6 +8,8 @@ use super::product::{Product, SLICES, words};
 #[derive(Debug)]
 pub(crate) struct Columns {
     plain: Kernel,
+    /// As `plain`, of factors of products.
+    factors: Kernel,
     norm: Kernel,
     masked: Kernel,
     nothing: [Span; 3],
@@ -16,14 +18,22 @@ pub(crate) struct Columns {
 /// Rows of a slice, at least.
 const SLICE: usize = 128;
 
+/// The kernel for sums of 32-bit numbers and of factors.
+pub(crate) const SOURCES: [fn() -> String; 2] = [|| source("vec4<f32>"), || source("$H4$")];
+
+fn source(number: &str) -> String {
+    include_str!("columns.wgsl").replace("$X$", number)
+}
+
 impl Columns {
     pub(crate) fn new(gpu: &Device) -> Self {
-        let kernel =
-            |mode| Kernel::new(gpu, "columns", include_str!("columns.wgsl"), &[("MODE", mode)]);
+        let [wide, factors] = SOURCES.map(|source| source());
+        let kernel = |source, mode| Kernel::new(gpu, "columns", source, &[("MODE", mode)]);
         Columns {
-            plain: kernel(0.0),
-            norm: kernel(1.0),
-            masked: kernel(2.0),
+            plain: kernel(&wide, 0.0),
+            factors: kernel(&factors, 0.0),
+            norm: kernel(&factors, 1.0),
+            masked: kernel(&wide, 2.0),
             nothing: [gpu.buffer(16), gpu.buffer(16), gpu.buffer(16)],
         }
     }
@@ -48,6 +58,21 @@ impl Columns {
         [step, product.fold(gpu, shape[1] / 4, slices, parts, to)]
     }
 
+    /// As [`Columns::plain`], for factors of products.
+    pub(crate) fn factors(
+        &self,
+        gpu: &Device,
+        product: &Product,
+        shape: [usize; 2],
+        x: &Span,
+        parts: &Span,
+        to: &Span,
+    ) -> [Step; 2] {
+        let [normed, stats, info] = &self.nothing;
+        let (step, slices) = one(&self.factors, gpu, shape, [x, normed, stats, info, parts]);
+        [step, product.fold(gpu, shape[1] / 4, slices, parts, to)]
+    }
+
     /// to += the sum of the rows of masked tokens.
     pub(crate) fn masked(
         &self,
@@ -63,7 +88,7 @@ impl Columns {
         [step, product.fold(gpu, shape[1] / 4, slices, parts, to)]
     }
 
-    /// Gradients of a norm's weight and bias, added to both.
+    /// Gradients of a norm's weight and bias, added to both. dy are factors of products.
     pub(crate) fn norm(
         &self,
         gpu: &Device,

@@ -12,7 +12,7 @@ struct Params {
 override MODE: u32 = 0u;
 
 @group(0) @binding(0) var<uniform> p: Params;
-@group(0) @binding(1) var<storage, read> x: array<vec4<f32>>;
+@group(0) @binding(1) var<storage, read> x: array<$X$>;
 @group(0) @binding(2) var<storage, read> normed: array<vec4<f32>>;   // what the norm was given
 @group(0) @binding(3) var<storage, read> stats: array<vec2<f32>>;    // its mean and 1 / deviation
 @group(0) @binding(4) var<storage, read> info: array<vec4<u32>>;     // x: masked
@@ -30,7 +30,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     var dot = vec4<f32>();
     if (quad < p.width4) {
         for (var row = group.y * p.slice + ty; row < end; row += 16u) {
-            let v = x[row * p.width4 + quad];
+            let v = vec4<f32>(x[row * p.width4 + quad]);
             switch MODE {
                 case 1u: {
                     let s = stats[row];

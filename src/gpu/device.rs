@@ -189,6 +189,16 @@ impl Device {
         Span { buffer, offset: 0, bytes }
     }
 
+    /// A buffer of `n` factors of products.
+    pub(crate) fn factors(&self, n: usize) -> Span {
+        self.buffer(self.factor_bytes() * n as u64)
+    }
+
+    /// Bytes of a factor of a product.
+    pub(crate) fn factor_bytes(&self) -> u64 {
+        if self.units.is_some() { 2 } else { 4 }
+    }
+
     /// A buffer of the parameters of a dispatch.
     pub(crate) fn uniform(&self, words: &[u32]) -> wgpu::Buffer {
         let bytes: &[u8] = bytemuck::cast_slice(words);

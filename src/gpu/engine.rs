@@ -229,7 +229,8 @@ impl GpuEngine {
     /// Gradient of the last batch, laid out as the weights.
     #[doc(hidden)]
     pub fn last_gradient(&self) -> Result<Vec<f32>, robert_net::Error> {
-        self.fetch(&self.grads)
+        let all = self.fetch(&self.grads)?;
+        Ok(all.into_iter().map(|x| x / self.plan.scale).collect())
     }
 
     /// The card.
@@ -336,7 +337,7 @@ impl Engine for GpuEngine {
         let sums = self.host.sums(self.cfg(), &self.tokens(errors.iter()));
         let count: usize = self.slots.segments.iter().map(|n| n.div_ceil(PIECE)).sum();
         let norm: f64 = pieces[..count].iter().map(|&x| f64::from(x)).sum();
-        Ok(GradientView { sums, grad_norm: norm.sqrt() })
+        Ok(GradientView { sums, grad_norm: norm.sqrt() / f64::from(self.plan.scale) })
     }
 
     fn apply(&mut self, lr: f64, view: &GradientView, decay: f64) -> Result<(), robert_net::Error> {
@@ -345,6 +346,7 @@ impl Engine for GpuEngine {
             adam: self.adam,
             lr,
             norm: view.grad_norm,
+            scale: self.plan.scale,
             count: self.count,
             share: average_share(self.count, decay),
         };

@@ -24,15 +24,15 @@ impl Head {
         Head { kernel: Kernel::new(gpu, "head", include_str!("head.wgsl"), &[]) }
     }
 
-    /// `out` (rows, stride) becomes its gradient; `errors` gets two numbers a row.
+    /// `out` (rows, stride) becomes its gradient, times `scale`; `errors` gets two numbers a row.
     pub(crate) fn loss(
         &self,
         gpu: &Device,
         cfg: &NetConfig,
         [rows, stride]: [usize; 2],
         wanted: Wanted<'_>,
-        out: &Span,
-        errors: &Span,
+        [out, errors]: [&Span; 2],
+        scale: f32,
     ) -> Step {
         let params = [
             rows as u32,
@@ -42,6 +42,7 @@ impl Head {
             (offset_weight(cfg) as f32).to_bits(),
             u32::from(cfg.skip != SkipKind::Off),
             u32::from(cfg.skip == SkipKind::Gated),
+            scale.to_bits(),
         ];
         let Wanted { actions, linear, centres, info } = wanted;
         let on = [actions, linear, centres, info, out, errors];

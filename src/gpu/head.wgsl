@@ -9,6 +9,7 @@ struct Params {
     weight: f32,     // of the offset loss
     skips: u32,
     gated: u32,
+    scale: f32,      // of the gradient
 }
 
 @group(0) @binding(0) var<uniform> p: Params;
@@ -27,7 +28,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let a = p.actions;
     let bin = info[row].y;
-    let factor = bitcast<f32>(info[row].z);
+    let factor = bitcast<f32>(info[row].z) * p.scale;
     let logits = row * p.stride;
     let offsets = logits + p.bins;
     let gates = offsets + p.bins * a;

@@ -18,12 +18,15 @@ pub(crate) struct Step {
     work: f64,
 }
 
-/// What a kernel begins with that multiplies matrices of 16-bit numbers.
-const MATRICES: &str = "enable f16;\nenable wgpu_cooperative_matrix;\n";
-
 /// A kernel's whole source.
-fn text(begin: &str, source: &str) -> String {
-    format!("{begin}{}\n{source}", include_str!("functions.wgsl"))
+fn text(half: bool, source: &str) -> String {
+    let (begin, number, four) = if half {
+        ("enable f16;\nenable wgpu_cooperative_matrix;\n", "f16", "vec4<f16>")
+    } else {
+        ("", "f32", "vec4<f32>")
+    };
+    let text = format!("{begin}{}\n{source}", include_str!("functions.wgsl"));
+    text.replace("$H$", number).replace("$H4$", four)
 }
 
 /// The most operations in one submission: drivers reset a card whose submission takes seconds.
@@ -36,17 +39,10 @@ pub(crate) struct Tape {
 }
 
 impl Kernel {
-    /// Compiles `source` after the functions of single numbers.
+    /// Compiles `source` after the functions of single numbers. `$H$` stands for the type of a
+    /// factor of a product, `$H4$` for four of them.
     pub(crate) fn new(gpu: &Device, label: &str, source: &str, constants: &[(&str, f64)]) -> Self {
-        Self::compile(gpu, label, &text("", source), constants)
-    }
-
-    /// As [`Kernel::new`], for a card that multiplies matrices of 16-bit numbers.
-    pub(crate) fn half(gpu: &Device, label: &str, source: &str, constants: &[(&str, f64)]) -> Self {
-        Self::compile(gpu, label, &text(MATRICES, source), constants)
-    }
-
-    fn compile(gpu: &Device, label: &str, text: &str, constants: &[(&str, f64)]) -> Self {
+        let text = text(gpu.units().is_some(), source);
         let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some(label),
             source: wgpu::ShaderSource::Wgsl(text.into()),
@@ -152,37 +148,37 @@ mod tests {
     /// Needs no card: the kernels are parsed and checked as the driver's front end would.
     #[test]
     fn the_kernels_are_valid() {
+        use crate::columns::SOURCES;
         use crate::device::Units;
-        use crate::product::{half, single};
-        let units = Units { side: 16, lanes: 32 };
-        let all = [false, true].map(|t| (format!("product_half {t}"), half(units, [t, !t])));
-        for (name, source) in all {
-            valid(&name, &super::text(super::MATRICES, &source), 49_152);
-        }
-        for (name, source) in [
-            ("adam", include_str!("adam.wgsl")),
-            ("attend", include_str!("attend.wgsl")),
-            ("attend_back", include_str!("attend_back.wgsl")),
-            ("columns", include_str!("columns.wgsl")),
-            ("fold", include_str!("fold.wgsl")),
-            ("head", include_str!("head.wgsl")),
-            ("norm", include_str!("norm.wgsl")),
-            ("norm_back", include_str!("norm_back.wgsl")),
-            ("place", include_str!("place.wgsl")),
-            ("product", &single()),
-            ("squares", include_str!("squares.wgsl")),
-        ] {
-            // WebGPU guarantees 16 KiB of workgroup memory.
-            valid(name, &super::text("", source), 16_384);
+        use crate::product::sources;
+        for units in [None, Some(Units { side: 16, lanes: 32 })] {
+            let others = [
+                ("adam", include_str!("adam.wgsl")),
+                ("attend", include_str!("attend.wgsl")),
+                ("attend_back", include_str!("attend_back.wgsl")),
+                ("fold", include_str!("fold.wgsl")),
+                ("head", include_str!("head.wgsl")),
+                ("norm", include_str!("norm.wgsl")),
+                ("norm_back", include_str!("norm_back.wgsl")),
+                ("place", include_str!("place.wgsl")),
+                ("round", include_str!("round.wgsl")),
+                ("squares", include_str!("squares.wgsl")),
+            ];
+            let others = others.map(|(name, source)| (name, source.to_owned()));
+            let columns = SOURCES.map(|of| ("columns", of()));
+            let products = sources(units).map(|source| ("product", source));
+            for (name, source) in others.into_iter().chain(columns).chain(products) {
+                valid(name, &super::text(units.is_some(), &source), units.is_some());
+            }
         }
     }
 
-    fn valid(name: &str, text: &str, memory: u32) {
+    fn valid(name: &str, text: &str, half: bool) {
         use wgpu::naga;
         let module = naga::front::wgsl::parse_str(text)
             .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(text)));
         let flags = naga::valid::ValidationFlags::all();
-        let capabilities = if memory > 16_384 {
+        let capabilities = if half {
             naga::valid::Capabilities::all()
         } else {
             naga::valid::Capabilities::empty()
@@ -190,12 +186,14 @@ mod tests {
         naga::valid::Validator::new(flags, capabilities)
             .validate(&module)
             .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(text)));
+        // WebGPU guarantees 16 KiB of workgroup memory; cards with matrix units have 48.
+        let most = if half { 49_152 } else { 16_384 };
         let shared: u32 = module
             .global_variables
             .iter()
             .filter(|(_, v)| v.space == naga::AddressSpace::WorkGroup)
             .map(|(_, v)| module.types[v.ty].inner.size(module.to_ctx()))
             .sum();
-        assert!(shared <= memory, "{name} needs {shared} bytes of workgroup memory");
+        assert!(shared <= most, "{name} needs {shared} bytes of workgroup memory");
     }
 }

@@ -21,6 +21,7 @@ mod norm;
 mod place;
 mod plan;
 mod product;
+mod round;
 mod slots;
 mod squares;
 #[cfg(test)]

@@ -9,7 +9,7 @@ struct Params {
 @group(0) @binding(1) var<storage, read> x: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> gamma: array<vec4<f32>>;
 @group(0) @binding(3) var<storage, read> beta: array<vec4<f32>>;
-@group(0) @binding(4) var<storage, read_write> y: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read_write> y: array<$H4$>;
 @group(0) @binding(5) var<storage, read_write> stats: array<vec2<f32>>;
 
 var<workgroup> parts: array<f32, 256>;
@@ -49,7 +49,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     let scale = 1.0 / sqrt(row_sum(t, squares) * share + 1e-5);
     for (var q = tx; q < end; q += 16u) {
         let at = row * p.width4 + q;
-        y[at] = (x[at] - mean) * scale * gamma[q] + beta[q];
+        y[at] = $H4$((x[at] - mean) * scale * gamma[q] + beta[q]);
     }
     if (tx == 0u && row < p.rows) {
         stats[row] = vec2(mean, scale);

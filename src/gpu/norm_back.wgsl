@@ -7,7 +7,7 @@ struct Params {
 }
 
 @group(0) @binding(0) var<uniform> p: Params;
-@group(0) @binding(1) var<storage, read> dy: array<vec4<f32>>;
+@group(0) @binding(1) var<storage, read> dy: array<$H4$>;
 @group(0) @binding(2) var<storage, read> x: array<vec4<f32>>;
 @group(0) @binding(3) var<storage, read> stats: array<vec2<f32>>;
 @group(0) @binding(4) var<storage, read> gamma: array<vec4<f32>>;
@@ -25,7 +25,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     var sums = vec2<f32>();
     for (var q = tx; q < end; q += 16u) {
         let at = row * p.width4 + q;
-        let d = dy[at] * gamma[q];
+        let d = vec4<f32>(dy[at]) * gamma[q];
         sums += vec2(dot(d, vec4(1.0)), dot(d, (x[at] - s.x) * s.y));
     }
     parts[t] = sums;
@@ -40,7 +40,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     for (var q = tx; q < end; q += 16u) {
         let at = row * p.width4 + q;
         let hat = (x[at] - s.x) * s.y;
-        let d = (dy[at] * gamma[q] - mean.x - hat * mean.y) * s.y;
+        let d = (vec4<f32>(dy[at]) * gamma[q] - mean.x - hat * mean.y) * s.y;
         if (p.add == 1u) {
             dx[at] += d;
         } else {

@@ -8,6 +8,7 @@ use super::kernel::Tape;
 use super::norm::Norm;
 use super::place::Place;
 use super::product::{End, Product};
+use super::round::Round;
 use super::slots::{Slot, Slots};
 use robert_net::params::LayerAt;
 use robert_net::{Mixing, Net, NetConfig, SkipKind, WINDOW};
@@ -21,6 +22,7 @@ pub(crate) struct Kernels {
     columns: Columns,
     place: Place,
     head: Head,
+    round: Round,
 }
 
 /// A copy of the weights' layout on the card: weights, gradient, a moment, the average.
@@ -41,8 +43,11 @@ pub(crate) struct Plan {
     pub(crate) errors: Span,
     pub(crate) forward: Tape,
     pub(crate) loss: Tape,
-    /// Adds to the gradient.
+    /// Adds to the gradient, `scale` times.
     pub(crate) backward: Tape,
+    /// The factor of the gradient. A mean over many rows has small gradients, which would lose
+    /// their bits as factors of 16.
+    pub(crate) scale: f32,
 }
 
 /// The buffers of a layer that the backward pass needs.
@@ -92,6 +97,7 @@ impl Kernels {
             columns: Columns::new(gpu),
             place: Place::new(gpu),
             head: Head::new(gpu),
+            round: Round::new(gpu),
         }
     }
 }
@@ -141,8 +147,10 @@ impl Plan {
         let centres = numbers(net.centres.len());
         gpu.write(&centres, &net.centres);
         let mut plan = Plan::empty(gpu, cfg, windows);
-        let last = Normed { y: numbers(rows * d), stats: numbers(rows * 2) };
-        let (layers, end) = plan.record_forward(gpu, kernels, net, slots, weights, &last);
+        let last = Normed { y: gpu.factors(rows * d), stats: numbers(rows * 2) };
+        let rounded = plan.round_weights(gpu, kernels, slots, weights);
+        let on = [weights, &rounded];
+        let (layers, end) = plan.record_forward(gpu, kernels, net, slots, on, &last);
         let wanted = Wanted {
             actions: &plan.actions,
             linear: &plan.linear,
@@ -150,17 +158,21 @@ impl Plan {
             info: &plan.info,
         };
         let shape = [rows, p.outputs];
-        plan.loss.push(kernels.head.loss(gpu, cfg, shape, wanted, &plan.out, &plan.errors));
+        let to = [&plan.out, &plan.errors];
+        plan.loss.push(kernels.head.loss(gpu, cfg, shape, wanted, to, plan.scale));
         let back = Backward {
             gpu,
             kernels,
             slots,
             weights,
+            rounded: &rounded,
             grads,
             parts: numbers(parts(cfg, windows, most)),
             d_stream: numbers(rows * d),
-            d_small: numbers(rows * d),
-            d_wide: numbers(rows * 4 * d),
+            d_rounded: gpu.factors(rows * d),
+            d_out: gpu.factors(rows * p.outputs),
+            d_small: gpu.factors(rows * d),
+            d_wide: gpu.factors(rows * 4 * d),
             p,
         };
         back.record(&mut plan, net, &layers, &last, &end);
@@ -179,8 +191,9 @@ impl Plan {
         let Padded { rows, width, .. } = Padded::new(&net.cfg, windows);
         let numbers = |n: usize| gpu.buffer(4 * n as u64);
         let mut plan = Plan::empty(gpu, &net.cfg, windows);
-        let last = Normed { y: numbers(rows * width), stats: numbers(rows * 2) };
-        plan.record_forward(gpu, kernels, net, slots, weights, &last);
+        let last = Normed { y: gpu.factors(rows * width), stats: numbers(rows * 2) };
+        let rounded = plan.round_weights(gpu, kernels, slots, weights);
+        plan.record_forward(gpu, kernels, net, slots, [weights, &rounded], &last);
         plan
     }
 
@@ -200,7 +213,24 @@ impl Plan {
             forward: Tape::default(),
             loss: Tape::default(),
             backward: Tape::default(),
+            scale: if gpu.units().is_some() {
+                16.0 * p.rows.next_power_of_two() as f32
+            } else {
+                1.0
+            },
         }
+    }
+
+    /// The weights as factors of products, renewed in each forward pass.
+    fn round_weights(
+        &mut self,
+        gpu: &Device,
+        kernels: &Kernels,
+        slots: &Slots,
+        weights: &Segments,
+    ) -> Segments {
+        let all = weights.iter().zip(&slots.segments);
+        all.map(|(w, &n)| kernels.round.new_copy(gpu, n, w, &mut self.forward)).collect()
     }
 
     fn record_forward(
@@ -209,28 +239,22 @@ impl Plan {
         kernels: &Kernels,
         net: &Net<f32>,
         slots: &Slots,
-        weights: &Segments,
+        [weights, rounded]: [&Segments; 2],
         last: &Normed,
     ) -> (Vec<Layer>, Span) {
         let (cfg, at) = (&net.cfg, &net.layout);
         let p = Padded::new(cfg, self.windows);
         let (rows, d) = (p.rows, p.width);
         let numbers = |n: usize| gpu.buffer(4 * n as u64);
-        let weight = |range: &_| span(weights, slots.of(range));
-        let normed = || Normed { y: numbers(rows * d), stats: numbers(rows * 2) };
+        let weight = |range: &_| span(weights, slots.of(range), 4);
+        let factor = |range: &_| span(rounded, slots.of(range), gpu.factor_bytes());
+        let normed = || Normed { y: gpu.factors(rows * d), stats: numbers(rows * 2) };
         let Kernels { product, norm, attend, place, .. } = kernels;
         let tape = &mut self.forward;
 
         let first = numbers(rows * d);
-        let end = &weight(&at.embed_bias);
-        tape.push(product.forward(
-            gpu,
-            [rows, p.inputs, d],
-            &self.tokens,
-            &weight(&at.embed_weight),
-            End::Bias(end),
-            &first,
-        ));
+        let on = [&self.tokens, &weight(&at.embed_weight), &weight(&at.embed_bias)];
+        tape.push(product.embed(gpu, [rows, p.inputs, d], on, &first));
         let places = [&weight(&at.mask), &weight(&at.position), &self.info];
         tape.push(place.forward(gpu, [rows, d], cfg.mask_replaces, places, &first));
 
@@ -240,39 +264,40 @@ impl Plan {
         for at in &at.layers {
             let x1 = stream;
             let small = |n: usize| numbers(if attends { n } else { 0 });
+            let factors = |n: usize| gpu.factors(if attends { n } else { 0 });
             let layer = Layer {
                 x2: if attends { numbers(rows * d) } else { x1.clone() },
-                ln1: Normed { y: small(rows * d), stats: small(rows * 2) },
-                qkv: small(rows * 3 * d),
+                ln1: Normed { y: factors(rows * d), stats: small(rows * 2) },
+                qkv: factors(rows * 3 * d),
                 probs: small(self.windows * cfg.heads * WINDOW * WINDOW),
-                mixed: small(rows * d),
+                mixed: factors(rows * d),
                 ln2: normed(),
-                slope: numbers(rows * 4 * d),
-                act: numbers(rows * 4 * d),
+                slope: gpu.factors(rows * 4 * d),
+                act: gpu.factors(rows * 4 * d),
                 x1,
             };
             if attends {
                 let ln = [&weight(&at.ln1_weight), &weight(&at.ln1_bias)];
                 let Normed { y, stats } = &layer.ln1;
                 tape.push(norm.forward(gpu, [rows, d], &layer.x1, ln, y, stats));
-                let end = End::Bias(&weight(&at.qkv_bias));
-                let w = &weight(&at.qkv_weight);
+                let end = End::Factors(&weight(&at.qkv_bias));
+                let w = &factor(&at.qkv_weight);
                 tape.push(product.forward(gpu, [rows, d, 3 * d], y, w, end, &layer.qkv));
                 let shape = [self.windows, cfg.heads, d];
                 tape.push(attend.forward(gpu, shape, &layer.qkv, &layer.probs, &layer.mixed));
                 let end = End::Residual(&weight(&at.out_bias), &layer.x1);
-                let w = &weight(&at.out_weight);
+                let w = &factor(&at.out_weight);
                 tape.push(product.forward(gpu, [rows, d, d], &layer.mixed, w, end, &layer.x2));
             }
             let ln = [&weight(&at.ln2_weight), &weight(&at.ln2_bias)];
             let Normed { y, stats } = &layer.ln2;
             tape.push(norm.forward(gpu, [rows, d], &layer.x2, ln, y, stats));
             let end = End::Gelu(&weight(&at.up_bias), &layer.slope);
-            let w = &weight(&at.up_weight);
+            let w = &factor(&at.up_weight);
             tape.push(product.forward(gpu, [rows, d, 4 * d], y, w, end, &layer.act));
             let x3 = numbers(rows * d);
             let end = End::Residual(&weight(&at.down_bias), &layer.x2);
-            let w = &weight(&at.down_weight);
+            let w = &factor(&at.down_weight);
             tape.push(product.forward(gpu, [rows, 4 * d, d], &layer.act, w, end, &x3));
             layers.push(layer);
             stream = x3;
@@ -281,7 +306,7 @@ impl Plan {
         let ln = [&weight(&at.norm_weight), &weight(&at.norm_bias)];
         tape.push(norm.forward(gpu, [rows, d], &stream, ln, &last.y, &last.stats));
         let end = End::Bias(&weight(&at.head_bias));
-        let w = &weight(&at.head_weight);
+        let w = &factor(&at.head_weight);
         tape.push(product.forward(gpu, [rows, d, p.outputs], &last.y, w, end, &self.out));
         (layers, stream)
     }
@@ -293,9 +318,14 @@ struct Backward<'a> {
     kernels: &'a Kernels,
     slots: &'a Slots,
     weights: &'a Segments,
+    /// The weights as factors of products.
+    rounded: &'a Segments,
     grads: &'a Segments,
     parts: Span,
     d_stream: Span,
+    /// The gradients of the stream and of the output as factors of products.
+    d_rounded: Span,
+    d_out: Span,
     d_small: Span,
     d_wide: Span,
     p: Padded,
@@ -309,10 +339,12 @@ impl Backward<'_> {
         let Padded { rows, width: d, inputs, outputs } = self.p;
         let tape = &mut plan.backward;
 
-        self.linear(tape, [d, outputs], [&last.y, &plan.out], [&at.head_weight, &at.head_bias]);
-        let w = &self.weight(&at.head_weight);
+        let d_out = &self.rounded(tape, rows * outputs, &plan.out, &self.d_out);
+        let at_head = [&at.head_weight, &at.head_bias];
+        self.linear(tape, [d, outputs], [&last.y, d_out], Some(&plan.out), at_head);
+        let w = &self.factor(&at.head_weight);
         let shape = [rows, d, outputs];
-        tape.push(k.product.back(gpu, shape, &plan.out, w, End::Store, &self.d_small));
+        tape.push(k.product.back(gpu, shape, d_out, w, End::Store, &self.d_small));
         self.normed(tape, end, &last.stats, [&at.norm_weight, &at.norm_bias], false);
 
         for (at, layer) in at.layers.iter().zip(layers).rev() {
@@ -330,7 +362,20 @@ impl Backward<'_> {
         if cfg.mask_replaces {
             tape.push(k.place.back(gpu, [rows, d], &plan.info, dx));
         }
-        self.linear(tape, [inputs, d], [&plan.tokens, dx], [&at.embed_weight, &at.embed_bias]);
+        let to = &self.grad(&at.embed_weight);
+        let on = [&plan.tokens, dx];
+        let shape = [rows, inputs, d];
+        tape.extend(k.product.weight(gpu, shape, true, on, &self.parts, to));
+        let to = &self.grad(&at.embed_bias);
+        tape.extend(k.columns.plain(gpu, &k.product, [rows, d], dx, &self.parts, to));
+    }
+
+    /// A copy as factors of products, or the numbers themselves.
+    fn rounded(&self, tape: &mut Tape, n: usize, x: &Span, copy: &Span) -> Span {
+        let step = self.kernels.round.copy(self.gpu, n, x, copy);
+        let rounds = step.is_some();
+        tape.extend(step);
+        if rounds { copy.clone() } else { x.clone() }
     }
 
     fn layer(&self, tape: &mut Tape, cfg: &NetConfig, at: &LayerAt, l: &Layer, windows: usize) {
@@ -339,11 +384,13 @@ impl Backward<'_> {
         let Backward { d_stream: dx, d_small: small, d_wide: wide, .. } = self;
 
         // Feed-forward half: dx is the gradient of its output and of its residual.
-        self.linear(tape, [4 * d, d], [&l.act, dx], [&at.down_weight, &at.down_bias]);
-        let w = &self.weight(&at.down_weight);
-        tape.push(product.back(gpu, [rows, 4 * d, d], dx, w, End::Times(&l.slope), wide));
-        self.linear(tape, [d, 4 * d], [&l.ln2.y, wide], [&at.up_weight, &at.up_bias]);
-        let w = &self.weight(&at.up_weight);
+        let dy = &self.rounded(tape, rows * d, dx, &self.d_rounded);
+        let at_down = [&at.down_weight, &at.down_bias];
+        self.linear(tape, [4 * d, d], [&l.act, dy], Some(dx), at_down);
+        let w = &self.factor(&at.down_weight);
+        tape.push(product.back(gpu, [rows, 4 * d, d], dy, w, End::Times(&l.slope), wide));
+        self.linear(tape, [d, 4 * d], [&l.ln2.y, wide], None, [&at.up_weight, &at.up_bias]);
+        let w = &self.factor(&at.up_weight);
         tape.push(product.back(gpu, [rows, d, 4 * d], wide, w, End::Store, small));
         self.normed(tape, &l.x2, &l.ln2.stats, [&at.ln2_weight, &at.ln2_bias], true);
         if cfg.mixing == Mixing::None {
@@ -351,26 +398,38 @@ impl Backward<'_> {
         }
 
         // Attention half.
-        self.linear(tape, [d, d], [&l.mixed, dx], [&at.out_weight, &at.out_bias]);
-        let w = &self.weight(&at.out_weight);
-        tape.push(product.back(gpu, [rows, d, d], dx, w, End::Store, small));
-        let d_qkv = &wide.part(0, 4 * (rows * 3 * d) as u64);
+        let dy = &self.rounded(tape, rows * d, dx, &self.d_rounded);
+        self.linear(tape, [d, d], [&l.mixed, dy], Some(dx), [&at.out_weight, &at.out_bias]);
+        let w = &self.factor(&at.out_weight);
+        tape.push(product.back(gpu, [rows, d, d], dy, w, End::Store, small));
+        let d_qkv = &wide.part(0, gpu.factor_bytes() * (rows * 3 * d) as u64);
         let shape = [windows, cfg.heads, d];
         tape.push(self.kernels.attend.back(gpu, shape, [&l.qkv, &l.probs, small], d_qkv));
-        self.linear(tape, [d, 3 * d], [&l.ln1.y, d_qkv], [&at.qkv_weight, &at.qkv_bias]);
-        let w = &self.weight(&at.qkv_weight);
+        self.linear(tape, [d, 3 * d], [&l.ln1.y, d_qkv], None, [&at.qkv_weight, &at.qkv_bias]);
+        let w = &self.factor(&at.qkv_weight);
         tape.push(product.back(gpu, [rows, d, 3 * d], d_qkv, w, End::Store, small));
         self.normed(tape, &l.x1, &l.ln1.stats, [&at.ln1_weight, &at.ln1_bias], true);
     }
 
-    /// Gradients of a linear map (k, n) with input x and output gradient dy.
-    fn linear(&self, tape: &mut Tape, [k, n]: [usize; 2], on: [&Span; 2], at: [&Range; 2]) {
+    /// Gradients of a linear map (k, n) with input x and output gradient dy, both factors of
+    /// products; `exact` is dy before rounding, where there is one.
+    fn linear(
+        &self,
+        tape: &mut Tape,
+        [k, n]: [usize; 2],
+        on: [&Span; 2],
+        exact: Option<&Span>,
+        at: [&Range; 2],
+    ) {
         let Kernels { product, columns, .. } = self.kernels;
-        let ([x, dy], rows) = (on, self.p.rows);
+        let (gpu, parts, rows) = (self.gpu, &self.parts, self.p.rows);
         let to = &self.grad(at[0]);
-        tape.extend(product.weight(self.gpu, [rows, k, n], x, dy, &self.parts, to));
+        tape.extend(product.weight(gpu, [rows, k, n], false, on, parts, to));
         let to = &self.grad(at[1]);
-        tape.extend(columns.plain(self.gpu, product, [rows, n], dy, &self.parts, to));
+        tape.extend(match exact {
+            Some(dy) => columns.plain(gpu, product, [rows, n], dy, parts, to),
+            None => columns.factors(gpu, product, [rows, n], on[1], parts, to),
+        });
     }
 
     /// A norm whose output has the gradient `d_small`: its weights', and that of its input.
@@ -385,15 +444,19 @@ impl Backward<'_> {
     }
 
     fn weight(&self, range: &Range) -> Span {
-        span(self.weights, self.slots.of(range))
+        span(self.weights, self.slots.of(range), 4)
+    }
+
+    fn factor(&self, range: &Range) -> Span {
+        span(self.rounded, self.slots.of(range), self.gpu.factor_bytes())
     }
 
     fn grad(&self, range: &Range) -> Span {
-        span(self.grads, self.slots.of(range))
+        span(self.grads, self.slots.of(range), 4)
     }
 }
 
 /// The part of the segments that holds a tensor.
-fn span(segments: &Segments, slot: &Slot) -> Span {
-    segments[slot.segment].part(4 * slot.offset as u64, 4 * slot.len() as u64)
+fn span(segments: &Segments, slot: &Slot, bytes: u64) -> Span {
+    segments[slot.segment].part(bytes * slot.offset as u64, bytes * slot.len() as u64)
 }

@@ -11,6 +11,8 @@ pub(crate) enum End<'a> {
     Store,
     /// A bias.
     Bias(&'a Span),
+    /// A bias; the result is a factor of other products.
+    Factors(&'a Span),
     /// A bias and the residual stream.
     Residual(&'a Span, &'a Span),
     /// A bias and GELU; its derivative goes to the second buffer.
@@ -22,16 +24,16 @@ pub(crate) enum End<'a> {
 /// The products of a network.
 #[derive(Debug)]
 pub(crate) struct Product {
-    /// Rows and columns of the result that a workgroup computes.
-    tile: usize,
-    /// Whether gradients are scaled, for factors of 16 bits.
-    scaled: bool,
+    /// Rows and columns of the result that a workgroup computes, of factors as they are rounded.
+    tile: [usize; 2],
     /// The product x w, with each of the operations that follow it in the forward pass.
-    forward: [Kernel; 3],
+    forward: [Kernel; 4],
     /// The product dy w', stored as it is or multiplied by the slope of the activation.
     back: [Kernel; 2],
     /// x' dy.
     weight: Kernel,
+    /// Of the tokens, which are not rounded: x w, and x' dy.
+    exact: [Kernel; 2],
     fold: Kernel,
     /// A buffer that is bound where an operation does not need one.
     nothing: [Span; 3],
@@ -45,37 +47,36 @@ const GROUPS: usize = 512;
 impl Product {
     pub(crate) fn new(gpu: &Device) -> Self {
         let units = gpu.units();
-        let kernel = |a: bool, b: bool, end: f64| {
-            let constants = [("A_T", f64::from(a)), ("B_T", f64::from(b)), ("END", end)];
-            match units {
-                None => Kernel::new(gpu, "product", &single(), &constants),
-                Some(units) => Kernel::half(gpu, "product", &half(units, [a, b]), &constants),
-            }
-        };
+        let [numbers, factors, residual, gelu, back, times, weight, embed, embed_weight] =
+            std::array::from_fn(|i| {
+                let Kind { a_t, b_t, end, .. } = KINDS[i];
+                let of =
+                    [("A_T", f64::from(a_t)), ("B_T", f64::from(b_t)), ("END", f64::from(end))];
+                Kernel::new(gpu, "product", &KINDS[i].source(units), &of)
+            });
         Product {
-            tile: units.map_or(64, |units| 8 * units.side),
-            scaled: units.is_some(),
-            forward: [1.0, 2.0, 3.0].map(|end| kernel(false, false, end)),
-            back: [0.0, 4.0].map(|end| kernel(false, true, end)),
-            weight: kernel(true, false, 0.0),
+            tile: units.map_or([TILE; 2], tile),
+            forward: [numbers, factors, residual, gelu],
+            back: [back, times],
+            weight,
+            exact: [embed, embed_weight],
             fold: Kernel::new(gpu, "fold", include_str!("fold.wgsl"), &[]),
             nothing: [gpu.buffer(16), gpu.buffer(16), gpu.buffer(16)],
         }
     }
 
-    /// Factors before rounding. The loss is a mean over the rows, so that the gradient of a row is
-    /// small: it would lose its bits in a number of 16.
-    fn scales(&self, rows: usize, gradient: Gradient) -> [u32; 3] {
-        if !self.scaled {
-            return [1.0_f32.to_bits(); 3];
-        }
-        let scale = 16.0 * rows.next_power_of_two() as f32;
-        let [a, b, rest] = match gradient {
-            Gradient::None => [1.0; 3],
-            Gradient::Left => [scale, 1.0, 1.0 / scale],
-            Gradient::Right => [1.0, scale, 1.0 / scale],
-        };
-        [a.to_bits(), b.to_bits(), rest.to_bits()]
+    /// Embedded tokens (m, n) = x (m, k) w (k, n), with a bias, in single precision.
+    pub(crate) fn embed(
+        &self,
+        gpu: &Device,
+        [m, k, n]: [usize; 3],
+        [x, w, bias]: [&Span; 3],
+        c: &Span,
+    ) -> Step {
+        let [none, _, spare] = &self.nothing;
+        let params = words([m, n / 4, k, k / 4, n / 4, k.next_multiple_of(16), 0]);
+        let grid = grid([TILE; 2], m, n, 1);
+        self.exact[0].step(gpu, &params, &[x, w, bias, none, c, spare], grid)
     }
 
     /// c (m, n) = x (m, k) w (k, n), with a bias.
@@ -91,14 +92,14 @@ impl Product {
         let [none, _, spare] = &self.nothing;
         let (kernel, bias, other, second) = match end {
             End::Bias(bias) => (0, bias, none, spare),
-            End::Residual(bias, residual) => (1, bias, residual, spare),
-            End::Gelu(bias, slope) => (2, bias, none, slope),
+            End::Factors(bias) => (1, bias, none, spare),
+            End::Residual(bias, residual) => (2, bias, residual, spare),
+            End::Gelu(bias, slope) => (3, bias, none, slope),
             End::Store | End::Times(_) => unreachable!("ends of the backward pass"),
         };
-        let shape = words([m, n / 4, k, k / 4, n / 4, k.next_multiple_of(16), 0]);
-        let params = [&shape[..], &self.scales(m, Gradient::None)].concat();
+        let params = words([m, n / 4, k, k / 4, n / 4, k.next_multiple_of(16), 0]);
         self.forward[kernel]
-            .step(gpu, &params, &[x, w, bias, other, c, second], self.tiles(m, n, 1))
+            .step(gpu, &params, &[x, w, bias, other, c, second], grid(self.tile, m, n, 1))
             .with_work(2.0 * (m * k * n) as f64)
     }
 
@@ -118,10 +119,9 @@ impl Product {
             End::Times(slope) => (1, slope),
             _ => unreachable!("ends of the forward pass"),
         };
-        let shape = words([m, k / 4, n, n / 4, n / 4, n.next_multiple_of(16), 0]);
-        let params = [&shape[..], &self.scales(m, Gradient::Left)].concat();
+        let params = words([m, k / 4, n, n / 4, n / 4, n.next_multiple_of(16), 0]);
         self.back[kernel]
-            .step(gpu, &params, &[dy, w, bias, other, dx, spare], self.tiles(m, k, 1))
+            .step(gpu, &params, &[dy, w, bias, other, dx, spare], grid(self.tile, m, k, 1))
             .with_work(2.0 * (m * k * n) as f64)
     }
 
@@ -131,13 +131,13 @@ impl Product {
         want.min(rows.div_ceil(128)).clamp(1, SLICES)
     }
 
-    /// dw (k, n) += x' dy over the rows; `parts` takes the slices.
+    /// dw (k, n) += x' dy over the rows; `parts` takes the slices. Of tokens, in single precision.
     pub(crate) fn weight(
         &self,
         gpu: &Device,
         shape: [usize; 3],
-        x: &Span,
-        dy: &Span,
+        tokens: bool,
+        [x, dy]: [&Span; 2],
         parts: &Span,
         dw: &Span,
     ) -> Vec<Step> {
@@ -146,12 +146,13 @@ impl Product {
         let slice = rows.div_ceil(slices).next_multiple_of(16);
         let slices = rows.div_ceil(slice);
         let [none, bias, spare] = &self.nothing;
-        let shape = words([k, n / 4, rows, k / 4, n / 4, slice, usize::from(slices == 1)]);
-        let params = [&shape[..], &self.scales(rows, Gradient::Right)].concat();
+        let params = words([k, n / 4, rows, k / 4, n / 4, slice, usize::from(slices == 1)]);
         let to = if slices == 1 { dw } else { parts };
-        let grid = self.tiles(k, n, slices);
+        let (kernel, tile) =
+            if tokens { (&self.exact[1], [TILE; 2]) } else { (&self.weight, self.tile) };
+        let grid = grid(tile, k, n, slices);
         let mut steps = vec![
-            self.weight
+            kernel
                 .step(gpu, &params, &[x, dy, bias, none, to, spare], grid)
                 .with_work(2.0 * (rows * k * n) as f64),
         ];
@@ -159,11 +160,6 @@ impl Product {
             steps.push(self.fold(gpu, k * n / 4, slices, parts, dw));
         }
         steps
-    }
-
-    /// Workgroups of a result of m rows and n columns.
-    fn tiles(&self, m: usize, n: usize, slices: usize) -> [u32; 3] {
-        [n.div_ceil(self.tile) as u32, m.div_ceil(self.tile) as u32, slices as u32]
     }
 
     /// to += the slices of a sum, of `n` quads each.
@@ -179,33 +175,145 @@ impl Product {
     }
 }
 
-/// The factor of a product that is a gradient.
-#[derive(Clone, Copy)]
-enum Gradient {
-    None,
-    Left,
-    Right,
+/// Rows and columns of the result that a workgroup computes in single precision.
+const TILE: usize = 64;
+/// Matrices of a subgroup down and across, and subgroups of a workgroup down and across.
+#[allow(non_snake_case)]
+fn SHAPE() -> [usize; 4] {
+    let text = std::env::var("TILE_SHAPE").unwrap_or_else(|_| "2,4,4,2".into());
+    let all: Vec<usize> = text.split(',').map(|n| n.parse().unwrap()).collect();
+    all.try_into().unwrap()
 }
 
-/// The kernel in single precision.
-pub(crate) fn single() -> String {
-    [include_str!("product_ends.wgsl"), include_str!("product.wgsl")].concat()
+/// Rows and columns of the result that a workgroup computes on matrix units.
+fn tile(units: Units) -> [usize; 2] {
+    let [down, across, groups_down, groups_across] = SHAPE();
+    [down * groups_down * units.side, across * groups_across * units.side]
 }
 
-/// The kernel for matrix units, with the factors stored as they are or transposed.
-pub(crate) fn half(units: Units, [a_t, b_t]: [bool; 2]) -> String {
-    let Units { side, lanes } = units;
-    let load = |columns: bool| if columns { "coopLoad" } else { "coopLoadT" };
-    let step = |long: bool| if long { "LONG" } else { "SHORT" };
-    let kernel = include_str!("product_half.wgsl")
-        .replace("$MATRIX$", &format!("coop_mat{side}x{side}"))
-        .replace("$SIDE$", &format!("{side}u"))
-        .replace("$LANES$", &format!("{lanes}u"))
-        .replace("$LOAD_A$", load(a_t))
-        .replace("$LOAD_B$", load(b_t))
-        .replace("$STEP_A$", step(a_t))
-        .replace("$STEP_B$", step(!b_t));
-    [include_str!("product_ends.wgsl"), &kernel].concat()
+/// Workgroups of a result of m rows and n columns.
+fn grid([rows, columns]: [usize; 2], m: usize, n: usize, slices: usize) -> [u32; 3] {
+    [n.div_ceil(columns) as u32, m.div_ceil(rows) as u32, slices as u32]
+}
+
+/// A kernel.
+struct Kind {
+    /// Whether the factors are stored transposed.
+    a_t: bool,
+    b_t: bool,
+    /// The number of what follows the sum.
+    end: u8,
+    /// Whether the factors are rounded, the result, and what follows reads.
+    rounded: [bool; 3],
+}
+
+const fn kind(a_t: bool, b_t: bool, end: u8, rounded: [bool; 3]) -> Kind {
+    Kind { a_t, b_t, end, rounded }
+}
+
+/// All kernels, in the order of [`Product::new`].
+const KINDS: [Kind; 9] = [
+    kind(false, false, 1, [true, false, false]),
+    kind(false, false, 1, [true, true, false]),
+    kind(false, false, 2, [true, false, false]),
+    kind(false, false, 3, [true, true, false]),
+    kind(false, true, 0, [true, true, false]),
+    kind(false, true, 4, [true, true, true]),
+    kind(true, false, 0, [true, false, false]),
+    kind(false, false, 1, [false, false, false]),
+    kind(true, false, 0, [false, false, false]),
+];
+
+/// The sources of all kernels.
+#[cfg(test)]
+pub(crate) fn sources(units: Option<Units>) -> [String; 9] {
+    std::array::from_fn(|i| KINDS[i].source(units))
+}
+
+impl Kind {
+    fn source(&self, units: Option<Units>) -> String {
+        let number = |rounded| if rounded { "$H4$" } else { "vec4<f32>" };
+        let [factor, result, other] = self.rounded.map(number);
+        let kernel = match units {
+            Some(units) if self.rounded[0] => self.matrices(units),
+            _ => include_str!("product.wgsl").to_owned(),
+        };
+        [include_str!("product_ends.wgsl"), &kernel]
+            .concat()
+            .replace("$FACTOR$", factor)
+            .replace("$C$", result)
+            .replace("$OTHER$", other)
+    }
+
+    /// The kernel for matrix units. Lines are repeated here, since drivers keep a matrix in
+    /// registers only if it is a variable of its own.
+    fn matrices(&self, units: Units) -> String {
+        let Units { side, lanes } = units;
+        let [down, across, groups_down, groups_across] = SHAPE();
+        let threads = groups_down * groups_across * lanes;
+        // Quads of both factors that a thread reads at once.
+        let [quads_a, quads_b] = tile(units).map(|n| n * 2 * side / 4 / threads);
+        let lines = |n: usize, line: &dyn Fn(usize) -> String| -> String {
+            (0..n).map(line).collect::<Vec<_>>().join("\n")
+        };
+        let all = |x: [String; 2]| x.join("\n");
+        let sums = lines(down * across, &|i| {
+            format!("var c{}{} = $MATRIX$<f32, C>();", i / across, i % across)
+        });
+        let fetch = |begin: &str, k: &str| {
+            all([("a", quads_a, "row0"), ("b", quads_b, "quad0")].map(|(of, n, from)| {
+                lines(n, &|i| {
+                    let e = format!("t + {i}u * THREADS");
+                    format!("{begin}{of}{i} = part_of_{of}({e}, {from}, {k}, end);")
+                })
+            }))
+        };
+        let place = all([("a", quads_a, "left"), ("b", quads_b, "right")].map(|(of, n, to)| {
+            lines(n, &|i| format!("{to}[place_of_{of}(t + {i}u * THREADS)] = {of}{i};"))
+        }));
+        let (long_a, long_b) = (self.a_t, !self.b_t);
+        let load = |long, columns| {
+            let step = if long { columns } else { "SHORT" };
+            move |turned: bool, which: &str, to: &str, at: String| {
+                let function = if turned { "coopLoad" } else { "coopLoadT" };
+                format!("let {to} = {function}<$MATRIX$<f16, {which}>>(&{at}, {step});")
+            }
+        };
+        let (load_a, load_b) = (load(long_a, "LONG_A"), load(long_b, "LONG_B"));
+        let left = lines(down, &|i| {
+            let at = format!("left[matrix_a(row + {i}u * SIDE, term)]");
+            load_a(self.a_t, "A", &format!("x{i}"), at)
+        });
+        let right = lines(across, &|j| {
+            let at = format!("right[matrix_b(column + {j}u * SIDE, term)]");
+            let y = load_b(self.b_t, "B", &format!("y{j}"), at);
+            let sum = lines(down, &|i| format!("c{i}{j} = coopMultiplyAdd(x{i}, y{j}, c{i}{j});"));
+            all([y, sum])
+        });
+        let deliver = lines(down * across / 2, &|at| {
+            let (i, j) = (at / (across / 2), 2 * (at % (across / 2)));
+            format!(
+                "workgroupBarrier();\ncoopStoreT(c{i}{j}, &stage[first], SIDE / 2u);\n\
+                 coopStoreT(c{i}{}, &stage[beside], SIDE / 2u);\nworkgroupBarrier();\n\
+                 deliver(at + {i}u * SIDE, quad + {j}u * SIDE / 4u, tile.z, first, lane);",
+                j + 1
+            )
+        });
+        include_str!("product_half.wgsl")
+            .replace("$SUMS$", &sums)
+            .replace("$FIRST$", &fetch("var ", "begin"))
+            .replace("$NEXT$", &fetch("", "next"))
+            .replace("$PLACE$", &place)
+            .replace("$MULTIPLY$", &all([left, right]))
+            .replace("$DELIVER$", &deliver)
+            .replace("$MATRIX$", &format!("coop_mat{side}x{side}"))
+            .replace("$SIDE$", &format!("{side}u"))
+            .replace("$LANES$", &format!("{lanes}u"))
+            .replace("$DOWN$", &format!("{down}u"))
+            .replace("$ACROSS$", &format!("{across}u"))
+            .replace("$GROUPS_DOWN$", &format!("{groups_down}u"))
+            .replace("$GROUPS_ACROSS$", &format!("{groups_across}u"))
+    }
 }
 
 /// Parameters as the kernels read them.

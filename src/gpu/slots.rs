@@ -29,8 +29,8 @@ pub(crate) struct Slots {
     len: usize,
 }
 
-/// Tensors begin where a binding may: at a multiple of 256 bytes.
-const STEP: usize = 64;
+/// Tensors begin where a binding may, also in 16 bits: at a multiple of 256 bytes.
+const STEP: usize = 128;
 /// The most numbers of a segment of several tensors.
 const SEGMENT: usize = 1 << 24;
 
@@ -107,7 +107,7 @@ impl Slots {
         out
     }
 
-    /// For each 64 numbers of each segment, whether weight decay applies.
+    /// For each 128 numbers of each segment, whether weight decay applies.
     pub(crate) fn decays(&self) -> Vec<Vec<u32>> {
         let mut out: Vec<_> = self.segments.iter().map(|&n| vec![0; n / STEP]).collect();
         for s in &self.slots {

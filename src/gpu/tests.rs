@@ -4,6 +4,7 @@
 mod forward;
 mod half;
 mod kernels;
+mod speed;
 mod steps;
 
 use super::device::{Device, Span};

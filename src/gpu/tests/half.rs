@@ -1,10 +1,13 @@
 //! Products of 16-bit factors on a card's matrix units, against the processor in 32 bits.
 
+use super::super::device::Span;
+use super::super::kernel::{Step, Tape};
 use super::super::product::{End, Product};
+use super::super::round::Round;
 use super::steps::{config, setup, window};
 use super::{close, half, put, random, run};
-use crate::GpuEngine;
-use robert_linalg::{Init, Mat, MatMut, gemm};
+use crate::{Device, GpuEngine};
+use robert_linalg::{Init, Mat, MatMut, gemm, simd};
 use robert_net::{CpuEngine, Engine, NetConfig, SkipKind};
 
 /// A number of 16 bits has 11 of mantissa: rounding is off by up to 2^-11, .00049, of a factor.
@@ -16,32 +19,82 @@ fn times(a: Mat<'_, f32>, b: Mat<'_, f32>, m: usize, n: usize) -> Vec<f32> {
     c
 }
 
+/// A buffer of these numbers as factors of products.
+fn factors(gpu: &Device, x: &[f32]) -> Span {
+    let mut tape = Tape::default();
+    let wide = put(gpu, x);
+    let copy = Round::new(gpu).new_copy(gpu, x.len(), &wide, &mut tape);
+    tape.submit(gpu);
+    copy
+}
+
+/// Runs the dispatches and reads the first `n` numbers of 16 bits of a buffer.
+fn run_half(
+    gpu: &Device,
+    steps: impl IntoIterator<Item = Step>,
+    from: &Span,
+    n: usize,
+) -> Vec<f32> {
+    let pairs = run(gpu, steps, from, n.div_ceil(2));
+    let halves = pairs.iter().flat_map(|x| [x.to_bits() as u16, (x.to_bits() >> 16) as u16]);
+    halves.take(n).map(wide).collect()
+}
+
+/// The value of a number of 16 bits.
+fn wide(bits: u16) -> f32 {
+    let (exponent, mantissa) = (i32::from(bits >> 10 & 31), f32::from(bits & 1023));
+    let size = match exponent {
+        0 => mantissa * 2.0_f32.powi(-24),
+        31 => f32::INFINITY,
+        e => (1024.0 + mantissa) * 2.0_f32.powi(e - 25),
+    };
+    if bits >> 15 == 1 { -size } else { size }
+}
+
 #[test]
 fn products_of_half_precision() {
     let Some(gpu) = half() else { return };
     let product = Product::new(&gpu);
     for [m, k, n] in [[1, 4, 4], [77, 20, 68], [130, 84, 132], [300, 260, 36]] {
-        let (x, w) = (random(m * k, 1), random(k * n, 2));
-        // A mean over many rows has small gradients.
-        let dy: Vec<f32> = random(m * n, 4).iter().map(|x| 1e-5 * x / m as f32).collect();
-        let bias = random(n, 3);
-        let [gx, gw, gbias, gdy] = [&x, &w, &bias, &dy].map(|v| put(&gpu, v));
-        let c = put(&gpu, &random(m * n, 5));
+        let what = |name: &str| format!("{name} {m} {k} {n}");
+        let (x, w, dy) = (random(m * k, 1), random(k * n, 2), random(m * n, 4));
+        let (bias, other) = (random(n, 3), random(m * n, 5));
+        let [gx, gw, gdy] = [&x, &w, &dy].map(|v| factors(&gpu, v));
+        let [gbias, gother] = [&bias, &other].map(|v| put(&gpu, v));
+        let c = put(&gpu, &random(m * n, 6));
         let mut want = times(Mat::new(&x, m, k), Mat::new(&w, k, n), m, n);
         want.iter_mut().enumerate().for_each(|(i, v)| *v += bias[i % n]);
-        let step = product.forward(&gpu, [m, k, n], &gx, &gw, End::Bias(&gbias), &c);
-        close(&run(&gpu, [step], &c, m * n), &want, ROUNDED, &format!("forward {m} {k} {n}"));
+        let shape = [m, k, n];
+        let step = product.forward(&gpu, shape, &gx, &gw, End::Bias(&gbias), &c);
+        close(&run(&gpu, [step], &c, m * n), &want, ROUNDED, &what("bias"));
+        let step = product.forward(&gpu, shape, &gx, &gw, End::Factors(&gbias), &c);
+        close(&run_half(&gpu, [step], &c, m * n), &want, ROUNDED, &what("factors"));
+        let second = gpu.factors(m * n);
+        let step = product.forward(&gpu, shape, &gx, &gw, End::Gelu(&gbias, &second), &c);
+        let mut slope = want.clone();
+        slope.resize(slope.len().next_multiple_of(64), 0.0);
+        let mut act = vec![0.0; slope.len()];
+        simd::gelu(&mut slope, &mut act);
+        close(&run_half(&gpu, [step], &c, m * n), &act[..m * n], ROUNDED, &what("gelu"));
+        close(&run_half(&gpu, [], &second, m * n), &slope[..m * n], ROUNDED, &what("slope"));
+        let end = End::Residual(&gbias, &gother);
+        let step = product.forward(&gpu, shape, &gx, &gw, end, &c);
+        want.iter_mut().zip(&other).for_each(|(v, o)| *v += o);
+        close(&run(&gpu, [step], &c, m * n), &want, ROUNDED, &what("residual"));
 
-        let dx = put(&gpu, &vec![0.0_f32; m * k]);
-        let want = times(Mat::new(&dy, m, n), Mat::new(&w, k, n).t(), m, k);
-        let step = product.back(&gpu, [m, k, n], &gdy, &gw, End::Store, &dx);
-        close(&run(&gpu, [step], &dx, m * k), &want, ROUNDED, &format!("back {m} {k} {n}"));
+        let dx = gpu.factors(m * k);
+        let mut want = times(Mat::new(&dy, m, n), Mat::new(&w, k, n).t(), m, k);
+        let step = product.back(&gpu, shape, &gdy, &gw, End::Store, &dx);
+        close(&run_half(&gpu, [step], &dx, m * k), &want, ROUNDED, &what("back"));
+        let step = product.back(&gpu, shape, &gdy, &gw, End::Times(&gx), &dx);
+        want.iter_mut().zip(&x).for_each(|(v, x)| *v *= x);
+        close(&run_half(&gpu, [step], &dx, m * k), &want, ROUNDED, &what("back times slope"));
 
         let want = times(Mat::new(&x, m, k).t(), Mat::new(&dy, m, n), k, n);
         for room in [64 * k * n, 4] {
             let (parts, dw) = (gpu.buffer(4 * room as u64), gpu.buffer(4 * (k * n) as u64));
-            let steps = product.weight(&gpu, [m, k, n], &gx, &gdy, &parts, &dw);
-            close(&run(&gpu, steps, &dw, k * n), &want, ROUNDED, &format!("weight {m} {k} {n}"));
+            let steps = product.weight(&gpu, shape, false, [&gx, &gdy], &parts, &dw);
+            close(&run(&gpu, steps, &dw, k * n), &want, ROUNDED, &what("weight"));
         }
     }
 }

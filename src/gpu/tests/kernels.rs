@@ -73,7 +73,7 @@ fn weight_gradients_add_in_slices_and_in_one_piece() {
         for room in [64 * k * n, 4] {
             let parts = gpu.buffer(4 * room as u64);
             let dw = put(&gpu, &begin);
-            let steps = product.weight(&gpu, [rows, k, n], &gx, &gdy, &parts, &dw);
+            let steps = product.weight(&gpu, [rows, k, n], false, [&gx, &gdy], &parts, &dw);
             assert_eq!(steps.len() > 1, room > 4 && Product::slices([rows, k, n]) > 1);
             close(&run(&gpu, steps, &dw, k * n), &want, EXACT, "weight gradient");
         }
@@ -289,7 +289,7 @@ fn losses_of_every_head() {
             [&batch.actions, &batch.linear, &centres, &padded].map(|v| put(&gpu, v));
         let (info, errors) = (put(&gpu, &info), gpu.buffer(8 * rows as u64));
         let wanted = Wanted { actions: &actions, linear: &linear, centres: &gcentres, info: &info };
-        let step = head.loss(&gpu, &cfg, [rows, stride], wanted, &out, &errors);
+        let step = head.loss(&gpu, &cfg, [rows, stride], wanted, [&out, &errors], 1.0);
         let got = run(&gpu, [step], &out, rows * stride);
         let got: Vec<f32> = got.chunks(stride).flat_map(|row| row[..k].to_vec()).collect();
         close(&got, &want, EXACT, &format!("gradient of the head, {bins} bins, {skip:?}"));
@@ -304,21 +304,21 @@ fn losses_of_every_head() {
 #[test]
 fn updates_and_norms() {
     let Some(gpu) = device() else { return };
-    let n = 64 * 131;
+    let n = 128 * 66;
     let [mut w, g, mut m, mut average] = [1, 2, 3, 5].map(|i| random(n, i));
     let mut v: Vec<f32> = random(n, 4).iter().map(|x| x * x).collect();
     let config = AdamConfig { weight_decay: 3.0, ..AdamConfig::default() };
-    let decays: Vec<u32> = (0..n / 64).map(|i| u32::from(i % 2 == 0)).collect();
+    let decays: Vec<u32> = (0..n / 128).map(|i| u32::from(i % 2 == 0)).collect();
     let [gw, gg, gm, gv, ga] = [&w, &g, &m, &v, &average].map(|x| put(&gpu, x));
     let gdecays = put(&gpu, &decays);
     let (lr, norm, count, share) = (0.01, 4.0, 7, 0.3);
-    let update = Update { adam: config, lr, norm, count, share };
+    let update = Update { adam: config, lr, norm, scale: 1.0, count, share };
     let params = gpu.uniform(&update.words(n));
     let state =
         State { decays: &gdecays, grads: &gg, weights: &gw, first: &gm, second: &gv, average: &ga };
     let got = run(&gpu, [Adam::new(&gpu, true).step(&gpu, n, &params, state)], &gw, n);
     for (block, &decays) in decays.iter().enumerate() {
-        let at = block * 64..(block + 1) * 64;
+        let at = block * 128..(block + 1) * 128;
         let step = AdamStep {
             lr,
             beta1: config.beta1,
