@@ -69,6 +69,9 @@ pub(super) struct Args {
     json: bool,
 }
 
+/// Rollouts at once in an evaluation on a graphics card.
+const AT_ONCE: usize = 64;
+
 pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let Plan { dir, cfg, robot: given, data } = plan(args)?;
     let robot = motion::robot(&given)?;
@@ -86,6 +89,10 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let mut evaluator = SuiteEvaluator::new(Arc::clone(&robot), threads)
         .and_then(|e| e.map(selecting).transpose())
         .map_err(Failure::invalid)?;
+    // If there is no card, the engine says so.
+    if let Ok(Some(device)) = args.device.forwards(AT_ONCE) {
+        evaluator = evaluator.map(|e| e.on(Box::new(device), AT_ONCE));
+    }
     let mut perform = Simulated { robot: Arc::clone(&robot), threads };
     let bar = Bar::new("train", "steps", global.quiet);
     let cancel = cancel_on_ctrl_c();

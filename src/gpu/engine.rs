@@ -61,7 +61,7 @@ impl GpuEngine {
         let (window, largest) = per_window(cfg);
         let room = activation_bytes / (4 * window as u64);
         let fit = (room as usize).min(most / largest).min(WINDOWS);
-        if most / largest == 0 || parts(cfg, 1, most) > most {
+        if most / largest == 0 || parts(&gpu, cfg, 1, most) > most {
             let why = format!("a kernel sees {binding_bytes} bytes of a buffer");
             return Err(Error::Unfit { device: gpu.name().to_owned(), why });
         }

@@ -18,6 +18,24 @@ pub(crate) struct Step {
     work: f64,
 }
 
+/// Compiles a source without checks of indices, which would keep drivers from reading 16 bytes at
+/// once, and from unrolling loops.
+#[expect(unsafe_code, reason = "the driver trusts the source")]
+fn module(gpu: &Device, label: &str, text: &str) -> wgpu::ShaderModule {
+    let description = wgpu::ShaderModuleDescriptor {
+        label: Some(label),
+        source: wgpu::ShaderSource::Wgsl(text.into()),
+    };
+    let checks = if std::env::var_os("CHECKS").is_some() {
+        wgpu::ShaderRuntimeChecks::checked()
+    } else {
+        wgpu::ShaderRuntimeChecks::unchecked()
+    };
+    // SAFETY: the sources are this crate's own. Their indices stay within the buffers that they
+    // are given, and their loops end.
+    unsafe { gpu.device.create_shader_module_trusted(description, checks) }
+}
+
 /// A kernel's whole source.
 fn text(half: bool, source: &str) -> String {
     let (begin, number, four) = if half {
@@ -43,10 +61,7 @@ impl Kernel {
     /// factor of a product, `$H4$` for four of them.
     pub(crate) fn new(gpu: &Device, label: &str, source: &str, constants: &[(&str, f64)]) -> Self {
         let text = text(gpu.units().is_some(), source);
-        let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
-            label: Some(label),
-            source: wgpu::ShaderSource::Wgsl(text.into()),
-        });
+        let module = module(gpu, label, &text);
         let pipeline = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some(label),
             layout: None,

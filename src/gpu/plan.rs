@@ -115,11 +115,11 @@ pub(crate) fn per_window(cfg: &NetConfig) -> (usize, usize) {
 }
 
 /// Numbers for the slices of sums, at most `most` of them.
-pub(crate) fn parts(cfg: &NetConfig, windows: usize, most: usize) -> usize {
+pub(crate) fn parts(gpu: &Device, cfg: &NetConfig, windows: usize, most: usize) -> usize {
     let p = Padded::new(cfg, windows);
     let (d, rows) = (p.width, p.rows);
     let slices = [[p.inputs, d], [d, p.outputs], [d, d], [d, 3 * d], [d, 4 * d], [4 * d, d]]
-        .map(|[k, n]| Product::slices([rows, k, n]) * k * n);
+        .map(|[k, n]| Product::slices(gpu, [rows, k, n]) * k * n);
     let sums = [
         Columns::parts(rows, 4 * d),
         Columns::parts(rows, p.outputs),
@@ -167,7 +167,7 @@ impl Plan {
             weights,
             rounded: &rounded,
             grads,
-            parts: numbers(parts(cfg, windows, most)),
+            parts: numbers(parts(gpu, cfg, windows, most)),
             d_stream: numbers(rows * d),
             d_rounded: gpu.factors(rows * d),
             d_out: gpu.factors(rows * p.outputs),

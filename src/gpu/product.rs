@@ -42,7 +42,7 @@ pub(crate) struct Product {
 /// The most slices of a sum over rows.
 pub(crate) const SLICES: usize = 64;
 /// Workgroups that fill a large card.
-const GROUPS: usize = 512;
+const GROUPS: usize = 1024;
 
 impl Product {
     pub(crate) fn new(gpu: &Device) -> Self {
@@ -125,9 +125,10 @@ impl Product {
             .with_work(2.0 * (m * k * n) as f64)
     }
 
-    /// Slices of the sum over `rows` of a weight gradient, a function of the shape alone.
-    pub(crate) fn slices([rows, k, n]: [usize; 3]) -> usize {
-        let want = GROUPS.div_ceil(k.div_ceil(64) * n.div_ceil(64));
+    /// Slices of the sum over `rows` of a weight gradient, a function of the shape and the card.
+    pub(crate) fn slices(gpu: &Device, [rows, k, n]: [usize; 3]) -> usize {
+        let [tall, wide] = gpu.units().map_or([TILE; 2], tile);
+        let want = GROUPS.div_ceil(k.div_ceil(tall) * n.div_ceil(wide));
         want.min(rows.div_ceil(128)).clamp(1, SLICES)
     }
 
@@ -142,7 +143,8 @@ impl Product {
         dw: &Span,
     ) -> Vec<Step> {
         let [rows, k, n] = shape;
-        let slices = (Self::slices(shape)).min((parts.bytes / (4 * k * n) as u64).max(1) as usize);
+        let slices =
+            Self::slices(gpu, shape).min((parts.bytes / (4 * k * n) as u64).max(1) as usize);
         let slice = rows.div_ceil(slices).next_multiple_of(16);
         let slices = rows.div_ceil(slice);
         let [none, bias, spare] = &self.nothing;
@@ -179,15 +181,15 @@ impl Product {
 const TILE: usize = 64;
 /// Matrices of a subgroup down and across, and subgroups of a workgroup down and across.
 #[allow(non_snake_case)]
-fn SHAPE() -> [usize; 4] {
-    let text = std::env::var("TILE_SHAPE").unwrap_or_else(|_| "2,4,4,2".into());
+fn SHAPE() -> [usize; 7] {
+    let text = std::env::var("TILE_SHAPE").unwrap_or_else(|_| "2,4,4,2,2,1,2".into());
     let all: Vec<usize> = text.split(',').map(|n| n.parse().unwrap()).collect();
     all.try_into().unwrap()
 }
 
 /// Rows and columns of the result that a workgroup computes on matrix units.
 fn tile(units: Units) -> [usize; 2] {
-    let [down, across, groups_down, groups_across] = SHAPE();
+    let [down, across, groups_down, groups_across, ..] = SHAPE();
     [down * groups_down * units.side, across * groups_across * units.side]
 }
 
@@ -249,10 +251,10 @@ impl Kind {
     /// registers only if it is a variable of its own.
     fn matrices(&self, units: Units) -> String {
         let Units { side, lanes } = units;
-        let [down, across, groups_down, groups_across] = SHAPE();
+        let [down, across, groups_down, groups_across, depth, buffers, staged] = SHAPE();
         let threads = groups_down * groups_across * lanes;
         // Quads of both factors that a thread reads at once.
-        let [quads_a, quads_b] = tile(units).map(|n| n * 2 * side / 4 / threads);
+        let [quads_a, quads_b] = tile(units).map(|n| n * depth * side / 4 / threads);
         let lines = |n: usize, line: &dyn Fn(usize) -> String| -> String {
             (0..n).map(line).collect::<Vec<_>>().join("\n")
         };
@@ -268,43 +270,71 @@ impl Kind {
                 })
             }))
         };
-        let place = all([("a", quads_a, "left"), ("b", quads_b, "right")].map(|(of, n, to)| {
-            lines(n, &|i| format!("{to}[place_of_{of}(t + {i}u * THREADS)] = {of}{i};"))
-        }));
+        let place = |to: &str| {
+            all([("a", quads_a), ("b", quads_b)].map(|(of, n)| {
+                lines(n, &|i| format!("keep_{of}(t + {i}u * THREADS, {to}, {of}{i});"))
+            }))
+        };
         let (long_a, long_b) = (self.a_t, !self.b_t);
         let load = |long, columns| {
             let step = if long { columns } else { "SHORT" };
             move |turned: bool, which: &str, to: &str, at: String| {
                 let function = if turned { "coopLoad" } else { "coopLoadT" };
-                format!("let {to} = {function}<$MATRIX$<f16, {which}>>(&{at}, {step});")
+                format!("let {to} = {function}<$MATRIX$<f16, {which}>>(&{at}[0], 2u * {step});")
             }
         };
         let (load_a, load_b) = (load(long_a, "LONG_A"), load(long_b, "LONG_B"));
         let left = lines(down, &|i| {
-            let at = format!("left[matrix_a(row + {i}u * SIDE, term)]");
+            let at = format!("left[matrix_a(row + {i}u * SIDE, term, now)]");
             load_a(self.a_t, "A", &format!("x{i}"), at)
         });
         let right = lines(across, &|j| {
-            let at = format!("right[matrix_b(column + {j}u * SIDE, term)]");
+            let at = format!("right[matrix_b(column + {j}u * SIDE, term, now)]");
             let y = load_b(self.b_t, "B", &format!("y{j}"), at);
             let sum = lines(down, &|i| format!("c{i}{j} = coopMultiplyAdd(x{i}, y{j}, c{i}{j});"));
             all([y, sum])
         });
-        let deliver = lines(down * across / 2, &|at| {
-            let (i, j) = (at / (across / 2), 2 * (at % (across / 2)));
+        let deliver = lines(down * across / staged, &|at| {
+            let (i, j) = (at / (across / staged), staged * (at % (across / staged)));
+            let stores = lines(staged, &|s| {
+                format!("coopStoreT(c{i}{}, &stage[first + {s}u * SIDE / 4u], WIDE);", j + s)
+            });
             format!(
-                "workgroupBarrier();\ncoopStoreT(c{i}{j}, &stage[first], SIDE / 2u);\n\
-                 coopStoreT(c{i}{}, &stage[beside], SIDE / 2u);\nworkgroupBarrier();\n\
+                "workgroupBarrier();\n{stores}\nworkgroupBarrier();\n\
                  deliver(at + {i}u * SIDE, quad + {j}u * SIDE / 4u, tile.z, first, lane);",
-                j + 1
             )
         });
+        let multiply = format!(
+            "for (var term = 0u; term < DEPTH; term += SIDE) {{\n{}\n}}",
+            all([left, right])
+        );
+        let next = fetch("", "next");
+        let looped = if buffers == 1 {
+            format!(
+                "for (var k0 = begin; k0 < end; k0 += DEPTH) {{\n{}\nworkgroupBarrier();\n\
+                let next = k0 + DEPTH;\n{next}\nlet now = 0u;\n{multiply}\nworkgroupBarrier();\n}}",
+                place("0u")
+            )
+        } else {
+            format!(
+                "var now = 0u;\n{}\nworkgroupBarrier();\nfor (var k0 = begin; k0 < end; k0 += DEPTH) {{\n\
+                let next = k0 + DEPTH;\n{next}\n{multiply}\n{}\nnow = 1u - now;\nworkgroupBarrier();\n}}",
+                place("0u"),
+                place("1u - now")
+            )
+        };
+        let size = |long: bool, rows: &str, step: &str| {
+            if long { format!("DEPTH * {step}") } else { format!("{rows} * SHORT") }
+        };
         include_str!("product_half.wgsl")
             .replace("$SUMS$", &sums)
             .replace("$FIRST$", &fetch("var ", "begin"))
-            .replace("$NEXT$", &fetch("", "next"))
-            .replace("$PLACE$", &place)
-            .replace("$MULTIPLY$", &all([left, right]))
+            .replace("$LOOP$", &looped)
+            .replace("$SIZE_A$", &size(long_a, "ROWS", "LONG_A"))
+            .replace("$SIZE_B$", &size(long_b, "COLUMNS", "LONG_B"))
+            .replace("$BUFFERS$", &format!("{buffers}u"))
+            .replace("$DEPTH$", &format!("{depth}u"))
+            .replace("$STAGED$", &format!("{staged}u"))
             .replace("$DELIVER$", &deliver)
             .replace("$MATRIX$", &format!("coop_mat{side}x{side}"))
             .replace("$SIDE$", &format!("{side}u"))

@@ -12,17 +12,24 @@ const GROUPS_ACROSS: u32 = $GROUPS_ACROSS$;
 const THREADS: u32 = GROUPS_DOWN * GROUPS_ACROSS * LANES;
 const ROWS: u32 = GROUPS_DOWN * DOWN * SIDE;
 const COLUMNS: u32 = GROUPS_ACROSS * ACROSS * SIDE;
-const DEPTH: u32 = 2u * SIDE;   // terms at once
-// Quads of a row of 16-bit numbers, whose padding spreads the banks.
-const SHORT: u32 = DEPTH / 4u + 2u;
-const LONG_A: u32 = ROWS / 4u + 2u;
-const LONG_B: u32 = COLUMNS / 4u + 2u;
+const DEPTH: u32 = $DEPTH$ * SIDE;   // terms at once
+// Pairs of a row, whose padding spreads the banks.
+const SHORT: u32 = DEPTH / 8u + 1u;
+const LONG_A: u32 = ROWS / 8u + 1u;
+const LONG_B: u32 = COLUMNS / 8u + 1u;
 
-// A row of a or of b' has DEPTH numbers here, a row of a' ROWS, and a row of b COLUMNS.
-var<workgroup> left: array<vec4<f16>, ROWS * SHORT>;
-var<workgroup> right: array<vec4<f16>, COLUMNS * SHORT>;
-// Two matrices of each subgroup side by side.
-var<workgroup> stage: array<vec4<f32>, GROUPS_DOWN * GROUPS_ACROSS * SIDE * SIDE / 2u>;
+// Eight factors, at a multiple of 16 bytes: matrices are read in such pieces.
+alias Pair = array<vec4<f16>, 2>;
+
+// A row of a or of b' has DEPTH factors here, a row of a' ROWS, and a row of b COLUMNS.
+const SIZE_A: u32 = $SIZE_A$;
+const SIZE_B: u32 = $SIZE_B$;
+var<workgroup> left: array<Pair, $BUFFERS$ * SIZE_A>;
+var<workgroup> right: array<Pair, $BUFFERS$ * SIZE_B>;
+// Matrices of each subgroup side by side.
+const STAGED: u32 = $STAGED$;
+const WIDE: u32 = STAGED * SIDE / 4u;   // quads of a row
+var<workgroup> stage: array<vec4<f32>, GROUPS_DOWN * GROUPS_ACROSS * SIDE * WIDE>;
 
 fn part_of_a(e: u32, row0: u32, k0: u32, end: u32) -> vec4<f16> {
     if (A_T) {
@@ -58,41 +65,41 @@ fn part_of_b(e: u32, quad0: u32, k0: u32, end: u32) -> vec4<f16> {
     return vec4<f16>();
 }
 
-// Where quad e of a piece goes.
-fn place_of_a(e: u32) -> u32 {
+fn keep_a(e: u32, buffer: u32, v: vec4<f16>) {
+    var at = e / (DEPTH / 4u) * 2u * SHORT + e % (DEPTH / 4u);
     if (A_T) {
-        return e / (ROWS / 4u) * LONG_A + e % (ROWS / 4u);
+        at = e / (ROWS / 4u) * 2u * LONG_A + e % (ROWS / 4u);
     }
-    return e / (DEPTH / 4u) * SHORT + e % (DEPTH / 4u);
+    left[buffer * SIZE_A + at / 2u][at % 2u] = v;
 }
 
-fn place_of_b(e: u32) -> u32 {
+fn keep_b(e: u32, buffer: u32, v: vec4<f16>) {
+    var at = e / (COLUMNS / 4u) * 2u * LONG_B + e % (COLUMNS / 4u);
     if (B_T) {
-        return e / (DEPTH / 4u) * SHORT + e % (DEPTH / 4u);
+        at = e / (DEPTH / 4u) * 2u * SHORT + e % (DEPTH / 4u);
     }
-    return e / (COLUMNS / 4u) * LONG_B + e % (COLUMNS / 4u);
+    right[buffer * SIZE_B + at / 2u][at % 2u] = v;
 }
 
-// The place of a matrix whose first row or column, and first term, are these.
-
-fn matrix_a(row: u32, term: u32) -> u32 {
+// The pair at which a matrix begins whose first row or column, and first term, are these.
+fn matrix_a(row: u32, term: u32, buffer: u32) -> u32 {
     if (A_T) {
-        return term * LONG_A + row / 4u;
+        return buffer * SIZE_A + term * LONG_A + row / 8u;
     }
-    return row * SHORT + term / 4u;
+    return buffer * SIZE_A + row * SHORT + term / 8u;
 }
 
-fn matrix_b(column: u32, term: u32) -> u32 {
+fn matrix_b(column: u32, term: u32, buffer: u32) -> u32 {
     if (B_T) {
-        return column * SHORT + term / 4u;
+        return buffer * SIZE_B + column * SHORT + term / 8u;
     }
-    return term * LONG_B + column / 4u;
+    return buffer * SIZE_B + term * LONG_B + column / 8u;
 }
 
-// Two staged matrices of a subgroup, with what follows the sum.
+// Staged matrices of a subgroup, with what follows the sum.
 fn deliver(row: u32, quad: u32, slice: u32, first: u32, lane: u32) {
-    for (var e = lane; e < SIDE * SIDE / 2u; e += LANES) {
-        finish(row + e / (SIDE / 2u), quad + e % (SIDE / 2u), slice, stage[first + e]);
+    for (var e = lane; e < SIDE * WIDE; e += LANES) {
+        finish(row + e / WIDE, quad + e % WIDE, slice, stage[first + e]);
     }
 }
 
@@ -112,18 +119,8 @@ fn main(
 $SUMS$
     // The next terms are on their way while matrices are multiplied.
 $FIRST$
-    for (var k0 = begin; k0 < end; k0 += DEPTH) {
-$PLACE$
-        workgroupBarrier();
-        let next = k0 + DEPTH;
-$NEXT$
-        for (var term = 0u; term < DEPTH; term += SIDE) {
-$MULTIPLY$
-        }
-        workgroupBarrier();
-    }
-    let first = group * (SIDE * SIDE / 2u);
-    let beside = first + SIDE / 4u;
+$LOOP$
+    let first = group * SIDE * WIDE;
     let at = row0 + row;
     let quad = quad0 + column / 4u;
 $DELIVER$

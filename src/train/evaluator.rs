@@ -12,6 +12,7 @@ use robert_base::progress::Cancel;
 use robert_clip::{self as clip, Command};
 use robert_dataset::Dataset;
 use robert_linalg::{next_of, on_threads};
+use robert_net::forward::Forwards;
 use robert_net::{Model, NetPolicyConfig};
 use robert_robot::Robot;
 use robert_rollout::{
@@ -29,6 +30,8 @@ pub struct SuiteEvaluator {
     cases: Vec<Case>,
     select: Select,
     threads: usize,
+    /// The card that computes the networks, if any.
+    device: Option<Box<dyn Forwards>>,
 }
 
 #[derive(Debug)]
@@ -73,7 +76,21 @@ impl SuiteEvaluator {
             }
         }
         let select = Select::Tasks;
-        Ok((!cases.is_empty()).then_some(SuiteEvaluator { robot, cases, select, threads }))
+        Ok((!cases.is_empty()).then_some(SuiteEvaluator {
+            robot,
+            cases,
+            select,
+            threads,
+            device: None,
+        }))
+    }
+
+    /// Lets a card compute the networks of this many rollouts at once.
+    #[must_use]
+    pub fn on(mut self, device: Box<dyn Forwards>, at_once: usize) -> Self {
+        self.device = Some(device);
+        self.threads = at_once;
+        self
     }
 
     /// The tasks that a run selects by: with [`Select::Extracted`] the suite `manual`, or else the
@@ -125,6 +142,10 @@ impl SuiteEvaluator {
         policy: P,
         cancel: &Cancel,
     ) -> Result<Option<Evaluation>, String> {
+        let mut policy = policy;
+        if let Some(device) = &self.device {
+            policy.on(&**device);
+        }
         let policy = Mutex::new(policy);
         let mut found: Vec<Result<f64, String>> = vec![Ok(BROKEN); self.cases.len()];
         let queue = Mutex::new(self.cases.iter().zip(&mut found));

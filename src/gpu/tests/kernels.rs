@@ -74,7 +74,7 @@ fn weight_gradients_add_in_slices_and_in_one_piece() {
             let parts = gpu.buffer(4 * room as u64);
             let dw = put(&gpu, &begin);
             let steps = product.weight(&gpu, [rows, k, n], false, [&gx, &gdy], &parts, &dw);
-            assert_eq!(steps.len() > 1, room > 4 && Product::slices([rows, k, n]) > 1);
+            assert_eq!(steps.len() > 1, room > 4 && Product::slices(&gpu, [rows, k, n]) > 1);
             close(&run(&gpu, steps, &dw, k * n), &want, EXACT, "weight gradient");
         }
     }
