@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::adapter::{Card, Precision};
-use super::{Error, adapter};
+use super::{Error, adapter, product};
 
 /// The memory and binding sizes of a card that a training step may use.
 #[derive(Clone, Copy, Debug)]
@@ -59,14 +59,15 @@ fn units(card: &Card) -> Result<Units, Error> {
     let info = card.adapter.get_info();
     let lanes = info.subgroup_min_size as usize;
     let offered = card.adapter.cooperative_matrix_properties();
-    let side = offered.iter().find_map(|p| {
+    let one_size = info.subgroup_max_size as usize == lanes;
+    let fitting = offered.iter().find_map(|p| {
         let square = p.m_size == p.n_size && p.m_size == p.k_size;
-        let side = p.m_size as usize;
-        // Each thread of a workgroup then reads four quads of either factor.
-        let fits = info.subgroup_max_size as usize == lanes && side * side == 8 * lanes;
-        (square && fits && (p.ab_type, p.cr_type) == (F16, F32)).then_some(side)
+        let units = Units { side: p.m_size as usize, lanes };
+        let kind = (p.ab_type, p.cr_type) == (F16, F32);
+        (square && one_size && kind && product::fits(units, &card.adapter.limits()))
+            .then_some(units)
     });
-    side.map(|side| Units { side, lanes }).ok_or_else(|| {
+    fitting.ok_or_else(|| {
         unfit(format!("its matrices of 16-bit numbers do not fit subgroups of {lanes} threads"))
     })
 }

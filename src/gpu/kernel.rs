@@ -26,11 +26,7 @@ fn module(gpu: &Device, label: &str, text: &str) -> wgpu::ShaderModule {
         label: Some(label),
         source: wgpu::ShaderSource::Wgsl(text.into()),
     };
-    let checks = if std::env::var_os("CHECKS").is_some() {
-        wgpu::ShaderRuntimeChecks::checked()
-    } else {
-        wgpu::ShaderRuntimeChecks::unchecked()
-    };
+    let checks = wgpu::ShaderRuntimeChecks::unchecked();
     // SAFETY: the sources are this crate's own. Their indices stay within the buffers that they
     // are given, and their loops end.
     unsafe { gpu.device.create_shader_module_trusted(description, checks) }

@@ -179,18 +179,30 @@ impl Product {
 
 /// Rows and columns of the result that a workgroup computes in single precision.
 const TILE: usize = 64;
-/// Matrices of a subgroup down and across, and subgroups of a workgroup down and across.
-#[allow(non_snake_case)]
-fn SHAPE() -> [usize; 7] {
-    let text = std::env::var("TILE_SHAPE").unwrap_or_else(|_| "2,4,4,2,2,1,2".into());
-    let all: Vec<usize> = text.split(',').map(|n| n.parse().unwrap()).collect();
-    all.try_into().unwrap()
-}
+/// Matrices of a subgroup down and across.
+const MATRICES: [usize; 2] = [2, 4];
+/// Subgroups of a workgroup down and across.
+const SUBGROUPS: [usize; 2] = [4, 2];
+/// Matrices along the terms of a sum that are in workgroup memory at once.
+const DEPTH: usize = 4;
 
 /// Rows and columns of the result that a workgroup computes on matrix units.
 fn tile(units: Units) -> [usize; 2] {
-    let [down, across, groups_down, groups_across, ..] = SHAPE();
-    [down * groups_down * units.side, across * groups_across * units.side]
+    [0, 1].map(|i| MATRICES[i] * SUBGROUPS[i] * units.side)
+}
+
+/// Whether such units, on a card of these limits, can be used.
+pub(crate) fn fits(units: Units, limits: &wgpu::Limits) -> bool {
+    let Units { side, lanes } = units;
+    let threads = SUBGROUPS[0] * SUBGROUPS[1] * lanes;
+    let terms = DEPTH * side;
+    // As the kernel's arrays, in bytes.
+    let factors = tile(units).map(|n| 16 * (n * (terms / 8 + 1)).max(terms * (n / 8 + 1)));
+    let memory = factors[0] + factors[1] + threads / lanes * 4 * side * side;
+    let whole = tile(units).iter().all(|n| (n * terms / 4).is_multiple_of(threads));
+    whole
+        && memory <= limits.max_compute_workgroup_storage_size as usize
+        && threads <= limits.max_compute_invocations_per_workgroup as usize
 }
 
 /// Workgroups of a result of m rows and n columns.
@@ -251,99 +263,71 @@ impl Kind {
     /// registers only if it is a variable of its own.
     fn matrices(&self, units: Units) -> String {
         let Units { side, lanes } = units;
-        let [down, across, groups_down, groups_across, depth, buffers, staged] = SHAPE();
-        let threads = groups_down * groups_across * lanes;
+        let [down, across] = MATRICES;
+        let threads = SUBGROUPS[0] * SUBGROUPS[1] * lanes;
         // Quads of both factors that a thread reads at once.
-        let [quads_a, quads_b] = tile(units).map(|n| n * depth * side / 4 / threads);
-        let lines = |n: usize, line: &dyn Fn(usize) -> String| -> String {
-            (0..n).map(line).collect::<Vec<_>>().join("\n")
-        };
-        let all = |x: [String; 2]| x.join("\n");
-        let sums = lines(down * across, &|i| {
+        let [quads_a, quads_b] = tile(units).map(|n| n * DEPTH * side / 4 / threads);
+        let parts = [("a", quads_a, "row0"), ("b", quads_b, "quad0")];
+        let sums = lines(down * across, |i| {
             format!("var c{}{} = $MATRIX$<f32, C>();", i / across, i % across)
         });
-        let fetch = |begin: &str, k: &str| {
-            all([("a", quads_a, "row0"), ("b", quads_b, "quad0")].map(|(of, n, from)| {
-                lines(n, &|i| {
+        let fetch = |declare: &str, k: &str| {
+            parts.map(|(of, n, first)| {
+                lines(n, |i| {
                     let e = format!("t + {i}u * THREADS");
-                    format!("{begin}{of}{i} = part_of_{of}({e}, {from}, {k}, end);")
+                    format!("{declare}{of}{i} = part_of_{of}({e}, {first}, {k}, end);")
                 })
-            }))
+            })
         };
-        let place = |to: &str| {
-            all([("a", quads_a), ("b", quads_b)].map(|(of, n)| {
-                lines(n, &|i| format!("keep_{of}(t + {i}u * THREADS, {to}, {of}{i});"))
-            }))
+        let keep = parts
+            .map(|(of, n, _)| lines(n, |i| format!("keep_{of}(t + {i}u * THREADS, {of}{i});")));
+        let load = |transposed: bool, role: &str, to: &str, at: &str, step: &str| {
+            let function = if transposed { "coopLoad" } else { "coopLoadT" };
+            format!("let {to} = {function}<$MATRIX$<f16, {role}>>(&{at}[0], 2u * {step});")
         };
-        let (long_a, long_b) = (self.a_t, !self.b_t);
-        let load = |long, columns| {
-            let step = if long { columns } else { "SHORT" };
-            move |turned: bool, which: &str, to: &str, at: String| {
-                let function = if turned { "coopLoad" } else { "coopLoadT" };
-                format!("let {to} = {function}<$MATRIX$<f16, {which}>>(&{at}[0], 2u * {step});")
-            }
-        };
-        let (load_a, load_b) = (load(long_a, "LONG_A"), load(long_b, "LONG_B"));
-        let left = lines(down, &|i| {
-            let at = format!("left[matrix_a(row + {i}u * SIDE, term, now)]");
-            load_a(self.a_t, "A", &format!("x{i}"), at)
+        let step_a = if self.a_t { "LONG_A" } else { "SHORT" };
+        let step_b = if self.b_t { "SHORT" } else { "LONG_B" };
+        let left = lines(down, |i| {
+            let at = format!("left[matrix_a(row + {i}u * SIDE, term)]");
+            load(self.a_t, "A", &format!("x{i}"), &at, step_a)
         });
-        let right = lines(across, &|j| {
-            let at = format!("right[matrix_b(column + {j}u * SIDE, term, now)]");
-            let y = load_b(self.b_t, "B", &format!("y{j}"), at);
-            let sum = lines(down, &|i| format!("c{i}{j} = coopMultiplyAdd(x{i}, y{j}, c{i}{j});"));
-            all([y, sum])
+        let right = lines(across, |j| {
+            let at = format!("right[matrix_b(column + {j}u * SIDE, term)]");
+            let sum = lines(down, |i| format!("c{i}{j} = coopMultiplyAdd(x{i}, y{j}, c{i}{j});"));
+            [load(self.b_t, "B", &format!("y{j}"), &at, step_b), sum].join("\n")
         });
-        let deliver = lines(down * across / staged, &|at| {
-            let (i, j) = (at / (across / staged), staged * (at % (across / staged)));
-            let stores = lines(staged, &|s| {
-                format!("coopStoreT(c{i}{}, &stage[first + {s}u * SIDE / 4u], WIDE);", j + s)
-            });
+        let deliver = lines(down * across, |at| {
+            let (i, j) = (at / across, at % across);
             format!(
-                "workgroupBarrier();\n{stores}\nworkgroupBarrier();\n\
+                "workgroupBarrier();\ncoopStoreT(c{i}{j}, &stage[first], SIDE / 4u);\n\
+                 workgroupBarrier();\n\
                  deliver(at + {i}u * SIDE, quad + {j}u * SIDE / 4u, tile.z, first, lane);",
             )
         });
-        let multiply = format!(
-            "for (var term = 0u; term < DEPTH; term += SIDE) {{\n{}\n}}",
-            all([left, right])
-        );
-        let next = fetch("", "next");
-        let looped = if buffers == 1 {
-            format!(
-                "for (var k0 = begin; k0 < end; k0 += DEPTH) {{\n{}\nworkgroupBarrier();\n\
-                let next = k0 + DEPTH;\n{next}\nlet now = 0u;\n{multiply}\nworkgroupBarrier();\n}}",
-                place("0u")
-            )
-        } else {
-            format!(
-                "var now = 0u;\n{}\nworkgroupBarrier();\nfor (var k0 = begin; k0 < end; k0 += DEPTH) {{\n\
-                let next = k0 + DEPTH;\n{next}\n{multiply}\n{}\nnow = 1u - now;\nworkgroupBarrier();\n}}",
-                place("0u"),
-                place("1u - now")
-            )
-        };
-        let size = |long: bool, rows: &str, step: &str| {
-            if long { format!("DEPTH * {step}") } else { format!("{rows} * SHORT") }
-        };
-        include_str!("product_half.wgsl")
-            .replace("$SUMS$", &sums)
-            .replace("$FIRST$", &fetch("var ", "begin"))
-            .replace("$LOOP$", &looped)
-            .replace("$SIZE_A$", &size(long_a, "ROWS", "LONG_A"))
-            .replace("$SIZE_B$", &size(long_b, "COLUMNS", "LONG_B"))
-            .replace("$BUFFERS$", &format!("{buffers}u"))
-            .replace("$DEPTH$", &format!("{depth}u"))
-            .replace("$STAGED$", &format!("{staged}u"))
-            .replace("$DELIVER$", &deliver)
-            .replace("$MATRIX$", &format!("coop_mat{side}x{side}"))
-            .replace("$SIDE$", &format!("{side}u"))
-            .replace("$LANES$", &format!("{lanes}u"))
-            .replace("$DOWN$", &format!("{down}u"))
-            .replace("$ACROSS$", &format!("{across}u"))
-            .replace("$GROUPS_DOWN$", &format!("{groups_down}u"))
-            .replace("$GROUPS_ACROSS$", &format!("{groups_across}u"))
+        let names = [
+            ("$SUMS$", sums),
+            ("$FIRST$", fetch("var ", "begin").join("\n")),
+            ("$NEXT$", fetch("", "next").join("\n")),
+            ("$KEEP$", keep.join("\n")),
+            ("$MULTIPLY$", [left, right].join("\n")),
+            ("$DELIVER$", deliver),
+            ("$MATRIX$", format!("coop_mat{side}x{side}")),
+            ("$SIDE$", format!("{side}u")),
+            ("$LANES$", format!("{lanes}u")),
+            ("$MATRICES_DOWN$", format!("{down}u")),
+            ("$MATRICES_ACROSS$", format!("{across}u")),
+            ("$SUBGROUPS_DOWN$", format!("{}u", SUBGROUPS[0])),
+            ("$SUBGROUPS_ACROSS$", format!("{}u", SUBGROUPS[1])),
+            ("$DEPTH$", format!("{DEPTH}u")),
+        ];
+        let source = include_str!("product_half.wgsl").to_owned();
+        names.iter().fold(source, |text, (name, value)| text.replace(name, value))
     }
+}
+
+/// A line for each number below n.
+fn lines(n: usize, line: impl Fn(usize) -> String) -> String {
+    (0..n).map(line).collect::<Vec<_>>().join("\n")
 }
 
 /// Parameters as the kernels read them.

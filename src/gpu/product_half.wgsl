@@ -1,14 +1,14 @@
-// c = a b in matrices of 16-bit factors and 32-bit sums, on the matrix units of a card. A workgroup
-// has eight subgroups, four down and two across; each sums 2 x 4 matrices of SIDE x SIDE numbers.
-// Names in dollar signs are filled in by product.rs.
+// c = a b in matrices of 16-bit factors and 32-bit sums, on the matrix units of a card. Each
+// subgroup of a workgroup sums several matrices of SIDE x SIDE numbers, for which both factors pass
+// through workgroup memory. Names in dollar signs are filled in by product.rs.
 
 const SIDE: u32 = $SIDE$;
 const LANES: u32 = $LANES$;
-// Matrices of a subgroup down and across, and subgroups of a workgroup down and across.
-const DOWN: u32 = $DOWN$;
-const ACROSS: u32 = $ACROSS$;
-const GROUPS_DOWN: u32 = $GROUPS_DOWN$;
-const GROUPS_ACROSS: u32 = $GROUPS_ACROSS$;
+// Matrices of a subgroup, and subgroups of a workgroup.
+const DOWN: u32 = $MATRICES_DOWN$;
+const ACROSS: u32 = $MATRICES_ACROSS$;
+const GROUPS_DOWN: u32 = $SUBGROUPS_DOWN$;
+const GROUPS_ACROSS: u32 = $SUBGROUPS_ACROSS$;
 const THREADS: u32 = GROUPS_DOWN * GROUPS_ACROSS * LANES;
 const ROWS: u32 = GROUPS_DOWN * DOWN * SIDE;
 const COLUMNS: u32 = GROUPS_ACROSS * ACROSS * SIDE;
@@ -22,14 +22,11 @@ const LONG_B: u32 = COLUMNS / 8u + 1u;
 alias Pair = array<vec4<f16>, 2>;
 
 // A row of a or of b' has DEPTH factors here, a row of a' ROWS, and a row of b COLUMNS.
-const SIZE_A: u32 = $SIZE_A$;
-const SIZE_B: u32 = $SIZE_B$;
-var<workgroup> left: array<Pair, $BUFFERS$ * SIZE_A>;
-var<workgroup> right: array<Pair, $BUFFERS$ * SIZE_B>;
-// Matrices of each subgroup side by side.
-const STAGED: u32 = $STAGED$;
-const WIDE: u32 = STAGED * SIDE / 4u;   // quads of a row
-var<workgroup> stage: array<vec4<f32>, GROUPS_DOWN * GROUPS_ACROSS * SIDE * WIDE>;
+var<workgroup> left: array<Pair, max(ROWS * SHORT, DEPTH * LONG_A)>;
+var<workgroup> right: array<Pair, max(COLUMNS * SHORT, DEPTH * LONG_B)>;
+// A matrix of each subgroup.
+const QUADS: u32 = SIDE * SIDE / 4u;
+var<workgroup> stage: array<vec4<f32>, GROUPS_DOWN * GROUPS_ACROSS * QUADS>;
 
 fn part_of_a(e: u32, row0: u32, k0: u32, end: u32) -> vec4<f16> {
     if (A_T) {
@@ -65,41 +62,41 @@ fn part_of_b(e: u32, quad0: u32, k0: u32, end: u32) -> vec4<f16> {
     return vec4<f16>();
 }
 
-fn keep_a(e: u32, buffer: u32, v: vec4<f16>) {
+fn keep_a(e: u32, v: vec4<f16>) {
     var at = e / (DEPTH / 4u) * 2u * SHORT + e % (DEPTH / 4u);
     if (A_T) {
         at = e / (ROWS / 4u) * 2u * LONG_A + e % (ROWS / 4u);
     }
-    left[buffer * SIZE_A + at / 2u][at % 2u] = v;
+    left[at / 2u][at % 2u] = v;
 }
 
-fn keep_b(e: u32, buffer: u32, v: vec4<f16>) {
+fn keep_b(e: u32, v: vec4<f16>) {
     var at = e / (COLUMNS / 4u) * 2u * LONG_B + e % (COLUMNS / 4u);
     if (B_T) {
         at = e / (DEPTH / 4u) * 2u * SHORT + e % (DEPTH / 4u);
     }
-    right[buffer * SIZE_B + at / 2u][at % 2u] = v;
+    right[at / 2u][at % 2u] = v;
 }
 
 // The pair at which a matrix begins whose first row or column, and first term, are these.
-fn matrix_a(row: u32, term: u32, buffer: u32) -> u32 {
+fn matrix_a(row: u32, term: u32) -> u32 {
     if (A_T) {
-        return buffer * SIZE_A + term * LONG_A + row / 8u;
+        return term * LONG_A + row / 8u;
     }
-    return buffer * SIZE_A + row * SHORT + term / 8u;
+    return row * SHORT + term / 8u;
 }
 
-fn matrix_b(column: u32, term: u32, buffer: u32) -> u32 {
+fn matrix_b(column: u32, term: u32) -> u32 {
     if (B_T) {
-        return buffer * SIZE_B + column * SHORT + term / 8u;
+        return column * SHORT + term / 8u;
     }
-    return buffer * SIZE_B + term * LONG_B + column / 8u;
+    return term * LONG_B + column / 8u;
 }
 
-// Staged matrices of a subgroup, with what follows the sum.
+// A staged matrix of a subgroup, with what follows the sum.
 fn deliver(row: u32, quad: u32, slice: u32, first: u32, lane: u32) {
-    for (var e = lane; e < SIDE * WIDE; e += LANES) {
-        finish(row + e / WIDE, quad + e % WIDE, slice, stage[first + e]);
+    for (var e = lane; e < QUADS; e += LANES) {
+        finish(row + e / (SIDE / 4u), quad + e % (SIDE / 4u), slice, stage[first + e]);
     }
 }
 
@@ -119,8 +116,17 @@ fn main(
 $SUMS$
     // The next terms are on their way while matrices are multiplied.
 $FIRST$
-$LOOP$
-    let first = group * SIDE * WIDE;
+    for (var k0 = begin; k0 < end; k0 += DEPTH) {
+$KEEP$
+        workgroupBarrier();
+        let next = k0 + DEPTH;
+$NEXT$
+        for (var term = 0u; term < DEPTH; term += SIDE) {
+$MULTIPLY$
+        }
+        workgroupBarrier();
+    }
+    let first = group * QUADS;
     let at = row0 + row;
     let quad = quad0 + column / 4u;
 $DELIVER$
