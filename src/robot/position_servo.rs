@@ -1,5 +1,7 @@
 //! A position servo as a controller sees it.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{DMatrix, DVector};
 
 use super::derive::ctrlrange;
@@ -34,6 +36,8 @@ const OWN_LEADS: usize = 40;
 pub struct PositionServo {
     /// Joints of the state that it moves, with their moment arms.
     pub arms: Vec<(usize, f64)>,
+    /// The part of each of these joints' weight that it carries.
+    shares: Vec<f64>,
     /// The length when all these joints are at zero.
     offset: f64,
     law: Law,
@@ -81,6 +85,7 @@ impl PositionServo {
         let [lo, hi] = ctrlrange(model, actuator).unwrap_or([-1.0, 1.0]);
         let swing = |x: f64, v: f64| frame(inertia, damping, &law, x, v);
         Some(PositionServo {
+            shares: vec![1.0; arms.len()],
             arms,
             offset: data.actuator_length()[actuator] - along,
             law,
@@ -101,7 +106,10 @@ impl PositionServo {
         let [by_way, by_speed] = self.gains(share);
         let rest = self.offset + along(q) + by_way * way - by_speed * along(v);
         let square: f64 = self.arms.iter().map(|(_, a)| a * a).sum();
-        let carried = if weight.is_empty() { 0.0 } else { along(weight) / square };
+        let carries = self.arms.iter().zip(&self.shares);
+        let carried: f64 = carries
+            .map(|((k, a), share)| share * a * weight.get(*k).copied().unwrap_or(0.0) / square)
+            .sum();
         let stiffness = -self.law.bias[1];
         let ctrl = (stiffness * rest + carried - self.law.bias[0]) / self.law.gain;
         ((ctrl - self.middle) / self.half).clamp(-1.0, 1.0)
@@ -111,6 +119,17 @@ impl PositionServo {
     fn gains(&self, share: f64) -> [f64; 2] {
         let full = self.lead / (1.0 - self.keep);
         [full * share + 1.0 - self.lead, full * self.coast]
+    }
+
+    /// Divides the weight of each joint among the servos that move it.
+    pub(super) fn share_weights(servos: &mut [Option<PositionServo>]) {
+        let mut carriers = BTreeMap::new();
+        for (k, _) in servos.iter().flatten().flat_map(|servo| &servo.arms) {
+            *carriers.entry(*k).or_insert(0.0) += 1.0;
+        }
+        for servo in servos.iter_mut().flatten() {
+            servo.shares = servo.arms.iter().map(|(k, _)| 1.0 / carriers[k]).collect();
+        }
     }
 
     /// Lowers the leads of servos that act on one robot until they move calmly together at each of
@@ -314,6 +333,25 @@ mod tests {
             }
         }
         far
+    }
+
+    #[test]
+    fn two_servos_of_one_joint_share_its_weight() {
+        let mut data = chain(1.0);
+        let mass = inertia(&mut data);
+        let one = servos(&data, &mass)[0].clone();
+        let mut alone = vec![one.clone(), None];
+        let mut together = vec![one.clone(), one];
+        PositionServo::share_weights(&mut alone);
+        PositionServo::share_weights(&mut together);
+        let action = |servos: &[Option<PositionServo>], weight: &[f64]| {
+            servos[0].as_ref().unwrap().action(0.0, &[0.0; 3], &[0.0; 3], &[0.0; 3], weight)
+        };
+        let carried = |servos: &[Option<PositionServo>]| {
+            action(servos, &[0.2, 0.0, 0.0]) - action(servos, &[0.0; 3])
+        };
+        assert!(carried(&alone).abs() > 1e-6);
+        assert!((carried(&together) / carried(&alone) - 0.5).abs() < 1e-9);
     }
 
     #[test]

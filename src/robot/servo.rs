@@ -164,6 +164,7 @@ impl Robot {
             .map(|a| PositionServo::of(&data, a, &home, &dofs, &own))
             .collect();
         let damping: Vec<f64> = dofs.iter().map(|d| self.model().dof_damping()[*d]).collect();
+        PositionServo::share_weights(&mut servos);
         PositionServo::calm(&mut servos, shares, &inertias, &damping);
         Ok(servos)
     }

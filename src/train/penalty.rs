@@ -58,22 +58,25 @@ pub fn choose(
     let penalties: Vec<f64> = [fit.lambda_per_sample].into_iter().chain(CANDIDATES).collect();
     let all = || Side::new(data, Part::Train, cfg.seed);
     let fits = |side: &Side<'_>| Ridge::fit_each(&tokens, side, &fit, &penalties, threads, cancel);
+    // A fit without frames that press also has another reach.
     let mut candidates = Vec::new();
-    let mut add = |ridges: Vec<Ridge>, leave_pressing: bool| {
+    let mut add = |side: &Side<'_>, leave_pressing: bool| -> Result<(), Error> {
+        let ridges = fits(side)?;
+        let (card, net, encoder) = assemble(side, cfg, ridges.first().cloned(), threads)?;
+        let model = Model { card, net, encoder, optimiser: None };
         let penalties = [None].into_iter().chain(CANDIDATES.map(Some));
-        let choices = penalties.map(|ridge_penalty| Choice { ridge_penalty, leave_pressing });
-        candidates.extend(choices.zip(ridges));
+        for (ridge_penalty, ridge) in penalties.zip(ridges) {
+            candidates.push((Choice { ridge_penalty, leave_pressing }, model.clone(), ridge));
+        }
+        Ok(())
     };
-    add(fits(&all())?, false);
+    add(&all(), false)?;
     let pressing = Pressing::find(data, cfg.seed);
     if pressing.share() >= SEVERAL {
-        add(fits(&all().without(pressing))?, true);
+        add(&all().without(pressing), true)?;
     }
-    let (card, net, encoder) =
-        assemble(&all(), cfg, candidates.first().map(|(_, usual)| usual.clone()), threads)?;
-    let mut model = Model { card, net, encoder, optimiser: None };
     let mut best = (Choice::default(), f64::INFINITY);
-    for (choice, ridge) in candidates {
+    for (choice, mut model, ridge) in candidates {
         model.encoder = Encoder::new(model.encoder.tokens, Some(ridge))?;
         let found = evaluator
             .evaluate_linear(&model, cancel)

@@ -54,26 +54,27 @@ impl Bearable {
             return Ok(all);
         }
         let mut least = least_inertias(model)?;
-        let mut damping = BTreeMap::new();
-        let mut stiffness = BTreeMap::new();
+        // Damping and stiffness of all actuators of a joint together, and those that damp it.
+        let mut joints: BTreeMap<usize, (f64, f64, Vec<usize>)> = BTreeMap::new();
         for (a, law) in laws.iter().enumerate() {
             let (Some(law), Some(Transmission::Joint(joint))) = (law, model.transmission(a)) else {
                 continue;
             };
-            let dof = model.jnt_dofadr()[joint] as usize;
             let square = model.actuator_gear()[6 * a].powi(2);
-            *stiffness.entry(joint).or_insert(0.0) -= square * law.bias[1];
-            let own = -square * law.bias[2];
-            if SIM_DT * own > MOST * least[dof] {
-                let all_of_joint = damping.entry(joint).or_insert(model.dof_damping()[dof]);
-                *all_of_joint += own;
-                least[dof] += SIM_DT * own;
-                all.moved.insert(a, joint);
+            let (damping, stiffness, damps) = joints.entry(joint).or_default();
+            *damping -= square * law.bias[2];
+            *stiffness -= square * law.bias[1];
+            if law.bias[2] != 0.0 {
+                damps.push(a);
             }
         }
-        all.damping = damping;
-        for (joint, stiffness) in stiffness {
+        for (joint, (own, stiffness, damps)) in joints {
             let dof = model.jnt_dofadr()[joint] as usize;
+            if SIM_DT * own > MOST * least[dof] {
+                all.damping.insert(joint, model.dof_damping()[dof] + own);
+                least[dof] += SIM_DT * own;
+                all.moved.extend(damps.into_iter().map(|a| (a, joint)));
+            }
             let needed = (SIM_DT / SWING).powi(2) * stiffness;
             if needed > least[dof] {
                 let armature = model.dof_armature()[dof] + needed - least[dof];
