@@ -155,7 +155,8 @@ fn training() -> Check {
     const NAME: &str = "training device";
     let describe = |cards: &[Card]| -> Vec<String> {
         let one = |(i, c): (usize, &Card)| {
-            format!("gpu:{i} {} ({} MiB in one piece)", c.name, c.binding_bytes >> 20)
+            let half = if c.half() { ", --half" } else { "" };
+            format!("gpu:{i} {} ({} MiB in one piece{half})", c.name, c.binding_bytes >> 20)
         };
         cards.iter().enumerate().map(one).collect()
     };

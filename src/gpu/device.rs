@@ -50,9 +50,9 @@ const MATRICES: wgpu::Features = wgpu::Features::SHADER_F16
     .union(wgpu::Features::EXPERIMENTAL_COOPERATIVE_MATRIX);
 
 /// The card's units that the kernels can use.
-fn units(card: &Card) -> Result<Units, Error> {
+pub(crate) fn units(card: &Card) -> Result<Units, Error> {
     use wgpu::CooperativeScalarType::{F16, F32};
-    let unfit = |why: String| Error::Unfit { device: card.name.clone(), why };
+    let unfit = |why: String| Error::Half { device: card.name.clone(), why };
     if !card.adapter.features().contains(MATRICES) {
         return Err(unfit("its driver offers no matrices of 16-bit numbers".to_owned()));
     }
@@ -84,7 +84,7 @@ impl Device {
     /// Opens the card of this number, or the first; see [`adapter::cards`].
     ///
     /// # Errors
-    /// [`Error::Absent`], [`Error::Number`], [`Error::Broken`].
+    /// [`Error::Absent`], [`Error::Number`], and those of [`Device::of`].
     pub fn open(
         number: Option<usize>,
         software: bool,
@@ -96,8 +96,8 @@ impl Device {
     /// Opens this card.
     ///
     /// # Errors
-    /// [`Error::Broken`]; [`Error::Unfit`], also for a card without units that multiply matrices
-    /// of 16-bit numbers, if these are wanted.
+    /// [`Error::Broken`], [`Error::Unfit`]; [`Error::Half`] if the card has no units for matrices of
+    /// 16-bit factors and these are wanted.
     pub fn of(card: &Card, precision: Precision) -> Result<Self, Error> {
         let broken = |why: String| Error::Broken { device: card.name.clone(), why };
         let limits = card.adapter.limits();

@@ -1,7 +1,7 @@
 //! Training on a card, behind the interface of the processor.
 
 use super::adam::{Adam, State, Update};
-use super::adapter::{Choice, Request, software_wanted};
+use super::adapter::{Choice, Precision, Request, software_wanted};
 use super::device::{Device, Span};
 use super::host::{Filler, Host};
 use super::kernel::Tape;
@@ -444,7 +444,14 @@ impl Engines for Request {
             Choice::Auto => None,
             Choice::Gpu(number) => number,
         };
-        let opened = Device::open(number, software_wanted(), self.precision);
+        let open = |precision| Device::open(number, software_wanted(), precision);
+        let opened = match open(self.precision) {
+            Err(why @ Error::Half { .. }) => {
+                progress.log(&format!("training in 32 bits: {why}"));
+                open(Precision::Single)
+            }
+            opened => opened,
+        };
         match opened.and_then(|gpu| GpuEngine::new(gpu, &setup)) {
             Ok(engine) => {
                 let at_once = engine.plan.windows;

@@ -36,6 +36,14 @@ pub enum Error {
         /// The limit and why it is too low.
         why: String,
     },
+    /// The card has no units for matrices of 16-bit factors that the kernels can use.
+    #[error("{device} cannot multiply 16-bit factors: {why}")]
+    Half {
+        /// Its name.
+        device: String,
+        /// What is missing.
+        why: String,
+    },
     /// Not even one window fits.
     #[error(
         "{device} has not enough memory: one window of this network needs {needs_mib} MiB with its weights; a smaller width or fewer layers would fit"

@@ -334,3 +334,23 @@ fn lines(n: usize, line: impl Fn(usize) -> String) -> String {
 pub(crate) fn words<const N: usize>(x: [usize; N]) -> [u32; N] {
     x.map(|x| u32::try_from(x).unwrap_or_else(|_| unreachable!("a size beyond 32 bits: {x}")))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn units_fit_if_workgroup_memory_and_threads_suffice() {
+        let of = |memory: u32, threads: u32| wgpu::Limits {
+            max_compute_workgroup_storage_size: memory,
+            max_compute_invocations_per_workgroup: threads,
+            ..wgpu::Limits::default()
+        };
+        let large = Units { side: 16, lanes: 32 };
+        assert!(fits(large, &of(49_152, 1024)));
+        assert!(!fits(large, &of(32_768, 1024)) && !fits(large, &of(49_152, 128)));
+        assert!(fits(Units { side: 8, lanes: 8 }, &of(32_768, 1024)));
+        // A thread would have less than a quad to read.
+        assert!(!fits(Units { side: 8, lanes: 128 }, &of(49_152, 1024)));
+    }
+}
