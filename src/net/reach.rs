@@ -13,9 +13,12 @@ use super::Error;
 use super::ridge::{Episodes, cholesky, solve};
 use super::token::Facts;
 use robert_base::rng::{Rng, Stream};
+use robert_linalg::{Init, Mat, MatMut, gemm};
 
 /// The most frames of the regression.
 const SAMPLES: u64 = 60_000;
+/// Frames whose products are computed together.
+const BLOCK: usize = 1024;
 /// The most draws per wanted frame. In the second half of them frames in self-contact are accepted
 /// too.
 const PICKY: u64 = 10;
@@ -59,7 +62,7 @@ impl Reach {
         }
         let inputs = 2 * a + PAST * s + 1;
         let mut sums = vec![Sums::new(inputs); s];
-        let mut x = vec![0.0; inputs];
+        let mut block = Block::new(inputs, s);
         let mut taken = 0;
         let mut index = 0;
         while taken < SAMPLES && index < PICKY * SAMPLES {
@@ -70,29 +73,28 @@ impl Reach {
             if index < PICKY * SAMPLES / 2 && (t - 1..=t + 1).any(|f| episodes.in_contact(e, f)) {
                 continue;
             }
-            let q = |t: usize, j: usize| f64::from(episodes.states(e)[t * s + j]);
-            let u = |t: usize, i: usize| f64::from(episodes.actions(e)[t * a + i]);
-            for i in 0..a {
-                x[i] = u(t, i);
-                x[a + i] = u(t - 1, i);
-            }
+            let (states, actions) = (episodes.states(e), episodes.actions(e));
+            let q = |t: usize, j: usize| f64::from(states[t * s + j]);
+            let u = |t: usize, i: usize| f64::from(actions[t * a + i]);
+            block.x.extend((0..a).map(|i| u(t, i)));
+            block.x.extend((0..a).map(|i| u(t - 1, i)));
             for back in 0..PAST {
-                for j in 0..s {
-                    x[2 * a + back * s + j] = q(t - back, j) - q(t - back - 1, j);
-                }
+                block.x.extend((0..s).map(|j| q(t - back, j) - q(t - back - 1, j)));
             }
-            x[inputs - 1] = 1.0;
-            for (j, (sum, joint)) in sums.iter_mut().zip(&facts.joints).enumerate() {
+            block.x.push(1.0);
+            block.y.extend(facts.joints.iter().enumerate().map(|(j, joint)| {
                 let free = joint.range.is_none_or(|[lo, hi]| {
                     let stop = STOP.min(STOP_SHARE * (hi - lo));
                     [q(t, j), q(t + 1, j)].iter().all(|&q| q > lo + stop && q < hi - stop)
                 });
-                if free {
-                    sum.add(&x, q(t + 1, j) - q(t, j));
-                }
-            }
+                free.then(|| q(t + 1, j) - q(t, j))
+            }));
             taken += 1;
+            if block.rows() == BLOCK {
+                block.add_to(&mut sums);
+            }
         }
+        block.add_to(&mut sums);
         let effect = sums
             .into_iter()
             .enumerate()
@@ -146,18 +148,6 @@ impl Sums {
         Sums { xx: vec![0.0; inputs * inputs], xy: vec![0.0; inputs], count: 0.0 }
     }
 
-    fn add(&mut self, x: &[f64], y: f64) {
-        let n = x.len();
-        for (i, &xi) in x.iter().enumerate() {
-            // The factorisation reads only the lower triangle.
-            for (to, &xj) in self.xx[i * n..=i * n + i].iter_mut().zip(x) {
-                *to += xi * xj;
-            }
-            self.xy[i] += xi * y;
-        }
-        self.count += 1.0;
-    }
-
     /// The weights, or the row that could not be solved.
     fn solve(mut self) -> Result<Vec<f64>, usize> {
         let n = self.xy.len();
@@ -167,6 +157,69 @@ impl Sums {
         solve(&self.xx, n, &mut self.xy, 1);
         Ok(self.xy)
     }
+}
+
+/// Samples whose products are computed together. Most of them count for every joint.
+struct Block {
+    /// The inputs, (samples, inputs).
+    x: Vec<f64>,
+    /// The change of each joint, (samples, S); `None` where a stop is near.
+    y: Vec<Option<f64>>,
+    inputs: usize,
+    joints: usize,
+}
+
+impl Block {
+    fn new(inputs: usize, joints: usize) -> Self {
+        Block { x: Vec::new(), y: Vec::new(), inputs, joints }
+    }
+
+    fn rows(&self) -> usize {
+        self.x.len() / self.inputs
+    }
+
+    /// Adds the samples to the sums of all joints, and forgets them.
+    fn add_to(&mut self, sums: &mut [Sums]) {
+        let n = self.inputs;
+        let all = product(&self.x, n);
+        let mut few = Vec::new();
+        for (j, sum) in sums.iter_mut().enumerate() {
+            let changes = || self.y.iter().skip(j).step_by(self.joints);
+            let free = changes().flatten().count();
+            // The product of the fewer rows, of those that count or of the others.
+            let counts = 2 * free <= self.rows();
+            few.clear();
+            for (x, y) in self.x.chunks_exact(n).zip(changes()) {
+                if y.is_some() == counts {
+                    few.extend_from_slice(x);
+                }
+                if let Some(y) = y {
+                    sum.xy.iter_mut().zip(x).for_each(|(to, x)| *to += x * y);
+                }
+            }
+            let some = product(&few, n);
+            let to = sum.xx.iter_mut();
+            if counts {
+                to.zip(&some).for_each(|(to, some)| *to += some);
+            } else {
+                to.zip(all.iter().zip(&some)).for_each(|(to, (all, some))| *to += all - some);
+            }
+            sum.count += free as f64;
+        }
+        self.x.clear();
+        self.y.clear();
+    }
+}
+
+/// x' x of rows of `n` numbers, (n, n).
+fn product(x: &[f64], n: usize) -> Vec<f64> {
+    let mut out = vec![0.0; n * n];
+    let rows = x.len() / n;
+    if rows > 0 {
+        let x = Mat::new(x, rows, n);
+        gemm(MatMut::new(&mut out, n, n), Init::Zero, x.t(), x);
+    }
+    out
 }
 
 /// Greatest change of each joint in a frame, except one frame in ten thousand.
