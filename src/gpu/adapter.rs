@@ -77,6 +77,9 @@ pub struct Card {
     pub software: bool,
     /// The most bytes that a kernel may see of one buffer.
     pub binding_bytes: u64,
+    /// The most bytes for the activations of a step. A card without its own memory takes them from
+    /// the processor's.
+    pub(crate) activation_bytes: u64,
     pub(crate) adapter: wgpu::Adapter,
 }
 
@@ -122,6 +125,11 @@ fn all() -> Vec<Card> {
                 name: info.name,
                 software: info.device_type == wgpu::DeviceType::Cpu,
                 binding_bytes: adapter.limits().max_storage_buffer_binding_size,
+                activation_bytes: match info.device_type {
+                    wgpu::DeviceType::Cpu => 1 << 29,
+                    wgpu::DeviceType::IntegratedGpu => 1 << 31,
+                    _ => 1 << 34,
+                },
                 adapter,
             };
             (rank, card)

@@ -113,7 +113,7 @@ impl Device {
         };
         let room = Room {
             binding_bytes: limits.max_storage_buffer_binding_size.min(limits.max_buffer_size),
-            activation_bytes: if card.software { 1 << 29 } else { 1 << 34 },
+            activation_bytes: card.activation_bytes,
         };
         let description = wgpu::DeviceDescriptor {
             label: Some("robert training"),
@@ -174,6 +174,25 @@ impl Device {
     /// The first thing that went wrong, if anything did.
     pub(crate) fn fault(&self) -> Option<String> {
         self.fault.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// What `make` allocates, or nothing if the card's memory does not suffice.
+    ///
+    /// # Errors
+    /// Other faults, in the driver's words.
+    pub(crate) fn allocate<T>(&self, make: impl FnOnce() -> T) -> Result<Option<T>, String> {
+        let memory = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
+        // A buffer that was not allocated cannot be bound, which is an error of its own.
+        let use_of_it = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
+        let made = make();
+        let misused = pollster::block_on(use_of_it.pop());
+        let full = pollster::block_on(memory.pop()).is_some();
+        match (full, misused, self.fault()) {
+            (_, _, Some(why)) => Err(why),
+            (true, ..) => Ok(None),
+            (false, Some(why), _) => Err(why.to_string()),
+            (false, None, None) => Ok(Some(made)),
+        }
     }
 
     /// A buffer of zeros that kernels read and write.

@@ -16,6 +16,10 @@ use robert_net::head::Sums;
 use robert_net::step::GradientView;
 use robert_net::{CpuEngine, Net, NetConfig, Setup, WINDOW};
 
+/// With 16-bit factors a row's gradient is this many times the gradient of its own loss, until one
+/// overflows.
+const ABOVE: f32 = 16.0;
+
 /// The most windows at once, by the most workgroups of a dispatch.
 const WINDOWS: usize = 1024;
 
@@ -58,8 +62,8 @@ impl GpuEngine {
         let Room { binding_bytes, activation_bytes } = gpu.room();
         let most = usize::try_from(binding_bytes / 4).unwrap_or(usize::MAX);
         let slots = Slots::new(&setup.net.layout, most).map_err(unfit)?;
-        let (window, largest) = per_window(cfg);
-        let room = activation_bytes / (4 * window as u64);
+        let (window, largest) = per_window(cfg, gpu.factor_bytes());
+        let room = activation_bytes / window;
         let fit = (room as usize).min(most / largest).min(WINDOWS);
         if most / largest == 0 || parts(&gpu, cfg, 1, most) > most {
             let why = format!("a kernel sees {binding_bytes} bytes of a buffer");
@@ -68,21 +72,19 @@ impl GpuEngine {
         let mut windows = even(setup.batch, fit.max(1));
         let kernels = Kernels::new(&gpu);
         loop {
-            let scope = gpu.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
-            let parts = Allocated::new(&gpu, &kernels, setup, &slots, windows, most);
-            let full = pollster::block_on(scope.pop()).is_some();
-            if let Some(why) = gpu.fault() {
-                return Err(Error::Broken { device: gpu.name().to_owned(), why });
-            }
-            if !full {
+            let make = || Allocated::new(&gpu, &kernels, setup, &slots, windows, most);
+            let made = gpu.allocate(make).map_err(|why| {
+                let device = gpu.name().to_owned();
+                Error::Broken { device, why }
+            })?;
+            if let Some(parts) = made {
                 return Ok(Self::of(gpu, setup, slots, parts));
             }
             if windows == 1 {
-                let needs = 4 * (5 * slots.segments.iter().sum::<usize>() + window) as u64;
+                let needs = weights_bytes(&gpu, &slots, 5) + window;
                 let device = gpu.name().to_owned();
                 return Err(Error::Memory { device, needs_mib: needs.div_ceil(1 << 20) });
             }
-            drop(parts);
             windows = even(setup.batch, windows / 2);
         }
     }
@@ -93,9 +95,8 @@ impl GpuEngine {
             allocated;
         let filler = Filler::new(&net.cfg, &net.centres, *batch, *threads, *current_only);
         let sets = 4 + u64::from(average.is_some());
-        let numbers: usize = slots.segments.iter().sum();
-        let window = per_window(&net.cfg).0;
-        let bytes = 4 * (sets * numbers as u64 + (window * plan.windows) as u64);
+        let window = per_window(&net.cfg, gpu.factor_bytes()).0;
+        let bytes = weights_bytes(&gpu, &slots, sets) + window * plan.windows as u64;
         let engine = GpuEngine {
             adam: *adam,
             batch: *batch,
@@ -230,7 +231,7 @@ impl GpuEngine {
     #[doc(hidden)]
     pub fn last_gradient(&self) -> Result<Vec<f32>, robert_net::Error> {
         let all = self.fetch(&self.grads)?;
-        Ok(all.into_iter().map(|x| x / self.plan.scale).collect())
+        Ok(all.into_iter().map(|x| x / self.plan.scale()).collect())
     }
 
     /// The card.
@@ -266,7 +267,11 @@ impl Allocated {
             || -> Segments { slots.segments.iter().map(|&n| gpu.buffer(4 * n as u64)).collect() };
         let [weights, grads, first, second] = [set(), set(), set(), set()];
         let average = setup.averages.then(set);
-        let plan = Plan::new(gpu, kernels, &setup.net, slots, [&weights, &grads], windows, most);
+        let tokens = if setup.current_only { 1 } else { WINDOW };
+        let rows = (setup.batch * tokens).next_power_of_two();
+        let scale = if gpu.units().is_some() { ABOVE * rows as f32 } else { 1.0 };
+        let on = [&weights, &grads];
+        let plan = Plan::new(gpu, kernels, &setup.net, slots, on, [windows, most], scale);
 
         let norm = Squares::new(gpu);
         let starts = slots.segments.iter().scan(0, |at, n| {
@@ -300,6 +305,13 @@ impl Allocated {
         }
         Allocated { weights, grads, first, second, average, plan, squares, pieces, update, params }
     }
+}
+
+/// Bytes of this many sets of numbers that are laid out as the weights, and of the weights as factors
+/// of 16 bits if they are used.
+fn weights_bytes(gpu: &Device, slots: &Slots, sets: u64) -> u64 {
+    let copy = if gpu.units().is_some() { gpu.factor_bytes() } else { 0 };
+    (4 * sets + copy) * slots.segments.iter().sum::<usize>() as u64
 }
 
 /// Windows at once, at most `most`, so that the pieces of a batch are nearly equal.
@@ -337,7 +349,12 @@ impl Engine for GpuEngine {
         let sums = self.host.sums(self.cfg(), &self.tokens(errors.iter()));
         let count: usize = self.slots.segments.iter().map(|n| n.div_ceil(PIECE)).sum();
         let norm: f64 = pieces[..count].iter().map(|&x| f64::from(x)).sum();
-        Ok(GradientView { sums, grad_norm: norm.sqrt() / f64::from(self.plan.scale) })
+        let grad_norm = norm.sqrt() / f64::from(self.plan.scale());
+        // The step will be skipped. If a factor of 16 bits overflowed, a smaller scale helps.
+        if !grad_norm.is_finite() && self.plan.scale() > 1.0 {
+            self.plan.rescale(&self.gpu, 0.5 * self.plan.scale());
+        }
+        Ok(GradientView { sums, grad_norm })
     }
 
     fn apply(&mut self, lr: f64, view: &GradientView, decay: f64) -> Result<(), robert_net::Error> {
@@ -346,7 +363,7 @@ impl Engine for GpuEngine {
             adam: self.adam,
             lr,
             norm: view.grad_norm,
-            scale: self.plan.scale,
+            scale: self.plan.scale(),
             count: self.count,
             share: average_share(self.count, decay),
         };
@@ -428,7 +445,8 @@ impl Engine for GpuEngine {
     }
 
     fn device(&self) -> Option<DeviceUse> {
-        let name = self.gpu.name().to_owned();
+        let half = if self.gpu.units().is_some() { ", 16-bit factors" } else { "" };
+        let name = format!("{}{half}", self.gpu.name());
         Some(DeviceUse { name, bytes: self.bytes, windows: self.plan.windows })
     }
 }

@@ -118,23 +118,22 @@ impl GpuForward {
         let Room { binding_bytes, activation_bytes } = gpu.room();
         let most = usize::try_from(binding_bytes / 4).unwrap_or(usize::MAX);
         let slots = Slots::new(&net.layout, most).map_err(unfit)?;
-        let (window, largest) = per_window(&net.cfg);
-        let room = usize::try_from(activation_bytes / 4).unwrap_or(usize::MAX) / window;
+        let (window, largest) = per_window(&net.cfg, gpu.factor_bytes());
+        let room = usize::try_from(activation_bytes / window).unwrap_or(usize::MAX);
         let mut windows = windows.min(room).min(most / largest.max(1));
         if windows == 0 {
             return Err(unfit(format!("a kernel sees {binding_bytes} bytes of a buffer")));
         }
         let kernels = Kernels::new(gpu);
         loop {
-            let scope = gpu.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
-            let set = slots.segments.iter().map(|&n| gpu.buffer(4 * n as u64));
-            let weights: Segments = set.collect();
-            let plan = Plan::forward_only(gpu, &kernels, net, &slots, &weights, windows);
-            let full = pollster::block_on(scope.pop()).is_some();
-            if let Some(why) = gpu.fault() {
-                return Err(Error::Broken { device: device(), why });
-            }
-            if !full {
+            let make = || {
+                let set = slots.segments.iter().map(|&n| gpu.buffer(4 * n as u64));
+                let weights: Segments = set.collect();
+                let plan = Plan::forward_only(gpu, &kernels, net, &slots, &weights, windows);
+                (weights, plan)
+            };
+            let made = gpu.allocate(make).map_err(|why| Error::Broken { device: device(), why })?;
+            if let Some((weights, plan)) = made {
                 for (span, numbers) in weights.iter().zip(slots.spread(&net.weights)) {
                     gpu.write(span, &numbers);
                 }
@@ -143,7 +142,7 @@ impl GpuForward {
                 return Ok(GpuForward { gpu, cfg, plan, desk, changed, notes });
             }
             if windows == 1 {
-                let needs = 4 * (slots.segments.iter().sum::<usize>() + window) as u64;
+                let needs = 4 * slots.segments.iter().sum::<usize>() as u64 + window;
                 return Err(Error::Memory { device: device(), needs_mib: needs.div_ceil(1 << 20) });
             }
             windows /= 2;

@@ -24,17 +24,24 @@ impl Head {
         Head { kernel: Kernel::new(gpu, "head", include_str!("head.wgsl"), &[]) }
     }
 
-    /// `out` (rows, stride) becomes its gradient, times `scale`; `errors` gets two numbers a row.
+    /// `out` (rows, stride) becomes its gradient, times the scale in `params`; `errors` gets two
+    /// numbers a row.
     pub(crate) fn loss(
         &self,
         gpu: &Device,
-        cfg: &NetConfig,
-        [rows, stride]: [usize; 2],
+        params: &wgpu::Buffer,
+        rows: usize,
         wanted: Wanted<'_>,
         [out, errors]: [&Span; 2],
-        scale: f32,
     ) -> Step {
-        let params = [
+        let Wanted { actions, linear, centres, info } = wanted;
+        let on = [actions, linear, centres, info, out, errors];
+        self.kernel.step_with(gpu, params, &on, [rows.div_ceil(64) as u32, 1, 1])
+    }
+
+    /// Parameters of the loss, as the kernel reads them; its gradient is multiplied by `scale`.
+    pub(crate) fn words(cfg: &NetConfig, [rows, stride]: [usize; 2], scale: f32) -> [u32; 8] {
+        [
             rows as u32,
             cfg.actions as u32,
             cfg.bins as u32,
@@ -43,10 +50,7 @@ impl Head {
             u32::from(cfg.skip != SkipKind::Off),
             u32::from(cfg.skip == SkipKind::Gated),
             scale.to_bits(),
-        ];
-        let Wanted { actions, linear, centres, info } = wanted;
-        let on = [actions, linear, centres, info, out, errors];
-        self.kernel.step(gpu, &params, &on, [rows.div_ceil(64) as u32, 1, 1])
+        ]
     }
 }
 

@@ -147,6 +147,8 @@ impl Filler {
             let factor = if counts { scale * f64::from(batch.weight[row]) } else { 0.0 };
             let bin = nearest(&self.centres, &batch.actions[row * a..(row + 1) * a]);
             to.factor[row] = factor;
+            // A kernel uses it as an index without a check.
+            assert!(bin < self.cfg.bins, "bin {bin} of {}", self.cfg.bins);
             let masked = u32::from(batch.masked[row]);
             to.info[row] = [masked, bin as u32, (factor as f32).to_bits(), 0];
         }

@@ -27,8 +27,9 @@ fn module(gpu: &Device, label: &str, text: &str) -> wgpu::ShaderModule {
         source: wgpu::ShaderSource::Wgsl(text.into()),
     };
     let checks = wgpu::ShaderRuntimeChecks::unchecked();
-    // SAFETY: the sources are this crate's own. Their indices stay within the buffers that they
-    // are given, and their loops end.
+    // SAFETY: the sources are this crate's own. Their indices stay within the buffers, whose sizes
+    // come from the same configuration; the only indices that are data are bins, which `Filler`
+    // writes below their number. Loops end, and no divisor is 0.
     unsafe { gpu.device.create_shader_module_trusted(description, checks) }
 }
 
@@ -162,7 +163,8 @@ mod tests {
         use crate::columns::SOURCES;
         use crate::device::Units;
         use crate::product::sources;
-        for units in [None, Some(Units { side: 16, lanes: 32 })] {
+        let large = Units { side: 16, lanes: 32 };
+        for units in [None, Some(large), Some(Units { side: 8, lanes: 8 })] {
             let others = [
                 ("adam", include_str!("adam.wgsl")),
                 ("attend", include_str!("attend.wgsl")),
@@ -197,7 +199,8 @@ mod tests {
         naga::valid::Validator::new(flags, capabilities)
             .validate(&module)
             .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(text)));
-        // WebGPU guarantees 16 KiB of workgroup memory; cards with matrix units have 48.
+        // WebGPU guarantees 16 KiB of workgroup memory. `product::fits` asks for what matrix units
+        // need.
         let most = if half { 49_152 } else { 16_384 };
         let shared: u32 = module
             .global_variables

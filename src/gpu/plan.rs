@@ -45,9 +45,24 @@ pub(crate) struct Plan {
     pub(crate) loss: Tape,
     /// Adds to the gradient, `scale` times.
     pub(crate) backward: Tape,
-    /// The factor of the gradient. A mean over many rows has small gradients, which would lose
-    /// their bits as factors of 16.
-    pub(crate) scale: f32,
+    scale: Scale,
+}
+
+/// The factor of the gradient. A mean over many rows has small gradients, which would lose their
+/// bits as factors of 16.
+#[derive(Debug)]
+struct Scale {
+    value: f32,
+    /// Parameters of the loss, which multiplies by it.
+    words: [u32; 8],
+    params: wgpu::Buffer,
+}
+
+impl Scale {
+    fn new(gpu: &Device, cfg: &NetConfig, shape: [usize; 2]) -> Self {
+        let words = Head::words(cfg, shape, 1.0);
+        Scale { value: 1.0, words, params: gpu.uniform(&words) }
+    }
 }
 
 /// The buffers of a layer that the backward pass needs.
@@ -102,16 +117,23 @@ impl Kernels {
     }
 }
 
-/// Numbers of the activations of one window, and of the largest buffer of them.
-pub(crate) fn per_window(cfg: &NetConfig) -> (usize, usize) {
+/// Bytes of the activations of one window, with factors of `factor` bytes, and numbers of the
+/// largest buffer of them.
+pub(crate) fn per_window(cfg: &NetConfig, factor: u64) -> (u64, usize) {
     let p = Padded::new(cfg, 1);
     let (d, rows) = (p.width, p.rows);
     let attends = cfg.mixing == Mixing::Attention;
     let probs = if attends { cfg.heads * WINDOW * WINDOW } else { 0 };
-    let layer = rows * (if attends { 16 * d } else { 10 * d }) + probs;
-    let ends = rows * (p.inputs + p.outputs + 2 * cfg.actions + 8 * d + 6);
+    let bytes = |wide: usize, factors: usize| (4 * wide) as u64 + factor * factors as u64;
+    let layer = if attends {
+        bytes(rows * (2 * d + 4) + probs, rows * 14 * d)
+    } else {
+        bytes(rows * (d + 2), rows * 9 * d)
+    };
+    let ends = rows * (p.inputs + p.outputs + 2 * cfg.actions + 2 * d + 8);
+    let ends = bytes(ends, rows * (7 * d + p.outputs));
     let most = [rows * 4 * d, rows * p.inputs, rows * p.outputs, rows * cfg.actions, probs];
-    (cfg.layers * layer + ends, most.into_iter().max().unwrap_or_default())
+    (cfg.layers as u64 * layer + ends, most.into_iter().max().unwrap_or_default())
 }
 
 /// Numbers for the slices of sums, at most `most` of them.
@@ -137,8 +159,8 @@ impl Plan {
         net: &Net<f32>,
         slots: &Slots,
         [weights, grads]: [&Segments; 2],
-        windows: usize,
-        most: usize,
+        [windows, most]: [usize; 2],
+        scale: f32,
     ) -> Self {
         let cfg = &net.cfg;
         let p = Padded::new(cfg, windows);
@@ -151,15 +173,17 @@ impl Plan {
         let rounded = plan.round_weights(gpu, kernels, slots, weights);
         let on = [weights, &rounded];
         let (layers, end) = plan.record_forward(gpu, kernels, net, slots, on, &last);
+        plan.rescale(gpu, scale);
         let wanted = Wanted {
             actions: &plan.actions,
             linear: &plan.linear,
             centres: &centres,
             info: &plan.info,
         };
-        let shape = [rows, p.outputs];
         let to = [&plan.out, &plan.errors];
-        plan.loss.push(kernels.head.loss(gpu, cfg, shape, wanted, to, plan.scale));
+        plan.loss.push(kernels.head.loss(gpu, &plan.scale.params, rows, wanted, to));
+        // Products of 32-bit factors take the gradients as they are.
+        let rounded_copy = |n: usize| gpu.factors(if gpu.units().is_some() { n } else { 0 });
         let back = Backward {
             gpu,
             kernels,
@@ -169,8 +193,8 @@ impl Plan {
             grads,
             parts: numbers(parts(gpu, cfg, windows, most)),
             d_stream: numbers(rows * d),
-            d_rounded: gpu.factors(rows * d),
-            d_out: gpu.factors(rows * p.outputs),
+            d_rounded: rounded_copy(rows * d),
+            d_out: rounded_copy(rows * p.outputs),
             d_small: gpu.factors(rows * d),
             d_wide: gpu.factors(rows * 4 * d),
             p,
@@ -213,12 +237,20 @@ impl Plan {
             forward: Tape::default(),
             loss: Tape::default(),
             backward: Tape::default(),
-            scale: if gpu.units().is_some() {
-                16.0 * p.rows.next_power_of_two() as f32
-            } else {
-                1.0
-            },
+            scale: Scale::new(gpu, cfg, [p.rows, p.outputs]),
         }
+    }
+
+    /// The factor of the gradient.
+    pub(crate) fn scale(&self) -> f32 {
+        self.scale.value
+    }
+
+    /// Changes the factor of the gradient.
+    pub(crate) fn rescale(&mut self, gpu: &Device, scale: f32) {
+        self.scale.value = scale;
+        self.scale.words[7] = scale.to_bits();
+        gpu.queue.write_buffer(&self.scale.params, 0, bytemuck::cast_slice(&self.scale.words));
     }
 
     /// The weights as factors of products, renewed in each forward pass.

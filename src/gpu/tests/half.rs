@@ -6,9 +6,9 @@ use super::super::product::{End, Product};
 use super::super::round::Round;
 use super::steps::{config, setup, window};
 use super::{close, half, put, random, run};
-use crate::{Device, GpuEngine};
+use crate::{Device, GpuEngine, Room};
 use robert_linalg::{Init, Mat, MatMut, gemm, simd};
-use robert_net::{CpuEngine, Engine, NetConfig, SkipKind};
+use robert_net::{CpuEngine, Engine, Mixing, NetConfig, Setup, SkipKind};
 
 /// A number of 16 bits has 11 of mantissa: rounding is off by up to 2^-11, .00049, of a factor.
 const ROUNDED: f64 = 1e-3;
@@ -90,35 +90,65 @@ fn products_of_half_precision() {
         want.iter_mut().zip(&x).for_each(|(v, x)| *v *= x);
         close(&run_half(&gpu, [step], &dx, m * k), &want, ROUNDED, &what("back times slope"));
 
-        let want = times(Mat::new(&x, m, k).t(), Mat::new(&dy, m, n), k, n);
+        let begin = random(k * n, 7);
+        let mut want = times(Mat::new(&x, m, k).t(), Mat::new(&dy, m, n), k, n);
+        want.iter_mut().zip(&begin).for_each(|(w, b)| *w += b);
         for room in [64 * k * n, 4] {
-            let (parts, dw) = (gpu.buffer(4 * room as u64), gpu.buffer(4 * (k * n) as u64));
+            let (parts, dw) = (gpu.buffer(4 * room as u64), put(&gpu, &begin));
             let steps = product.weight(&gpu, shape, false, [&gx, &gdy], &parts, &dw);
             close(&run(&gpu, steps, &dw, k * n), &want, ROUNDED, &what("weight"));
         }
     }
 }
 
+/// Loss and gradients of every tensor, card against processor.
+fn compare(gpu: Device, setup: &Setup) {
+    let mut cpu = CpuEngine::new(setup.clone());
+    let mut gpu = GpuEngine::new(gpu, setup).unwrap();
+    let a = cpu.gradient(&window, 3, None).unwrap();
+    let b = gpu.gradient(&window, 3, None).unwrap();
+    assert!((b.sums.loss / a.sums.loss - 1.0).abs() < 1e-2, "{} {}", a.sums.loss, b.sums.loss);
+    assert!((b.grad_norm / a.grad_norm - 1.0).abs() < 2e-2, "{} {}", a.grad_norm, b.grad_norm);
+    let (want, got) = (cpu.last_gradient(), gpu.last_gradient().unwrap());
+    for tensor in &setup.net.layout.tensors {
+        let range = tensor.range.clone();
+        close(&got[range.clone()], &want[range], 2e-2, &format!("{} {setup:?}", tensor.name));
+    }
+}
+
 #[test]
 fn gradients_of_half_precision() {
-    for cfg in [
-        config(1, SkipKind::Gated, false),
-        config(10, SkipKind::Off, true),
-        NetConfig { width: 144, heads: 3, ..config(3, SkipKind::Off, true) },
-    ] {
+    let variants = [
+        (config(1, SkipKind::Gated, false), false),
+        (config(1, SkipKind::Off, true), true),
+        (config(10, SkipKind::Off, true), false),
+        (NetConfig { mixing: Mixing::None, ..config(1, SkipKind::Gated, false) }, false),
+        (NetConfig { width: 48, heads: 6, ..config(1, SkipKind::Additive, false) }, false),
+        (NetConfig { width: 144, heads: 3, ..config(3, SkipKind::Off, true) }, false),
+    ];
+    for (cfg, current_only) in variants {
         let Some(gpu) = half() else { return };
-        let setup = setup(&cfg, 37, 0.1);
-        let mut cpu = CpuEngine::new(setup.clone());
-        let mut gpu = GpuEngine::new(gpu, &setup).unwrap();
-        let a = cpu.gradient(&window, 3, None).unwrap();
-        let b = gpu.gradient(&window, 3, None).unwrap();
-        assert!((b.sums.loss / a.sums.loss - 1.0).abs() < 1e-2, "{} {}", a.sums.loss, b.sums.loss);
-        let (want, got) = (cpu.last_gradient(), gpu.last_gradient().unwrap());
-        for tensor in &setup.net.layout.tensors {
-            let range = tensor.range.clone();
-            close(&got[range.clone()], &want[range], 2e-2, &format!("{} {cfg:?}", tensor.name));
-        }
+        compare(gpu, &Setup { current_only, ..setup(&cfg, 37, 0.1) });
     }
+    // In pieces.
+    let Some(gpu) = half() else { return };
+    let room = Room { binding_bytes: 1 << 20, activation_bytes: 1 << 22 };
+    compare(gpu.within(room), &setup(&config(1, SkipKind::Gated, true), 37, 0.1));
+}
+
+#[test]
+fn a_gradient_that_overflows_16_bits_is_scaled_down() {
+    let cfg = NetConfig { offset_weight: 1e4, ..config(4, SkipKind::Off, false) };
+    let Some(gpu) = half() else { return };
+    let setup = setup(&cfg, 8, 0.1);
+    let mut cpu = CpuEngine::new(setup.clone());
+    let want = cpu.gradient(&window, 0, None).unwrap().grad_norm;
+    let mut gpu = GpuEngine::new(gpu, &setup).unwrap();
+    let norms: Vec<f64> =
+        (0..12).map(|_| gpu.gradient(&window, 0, None).unwrap().grad_norm).collect();
+    let first = norms.iter().position(|n| n.is_finite());
+    assert!(matches!(first, Some(1..=9)), "it overflows at first, and not in ten steps: {norms:?}");
+    assert!((norms[11] / want - 1.0).abs() < 2e-2, "{norms:?} {want}");
 }
 
 #[test]

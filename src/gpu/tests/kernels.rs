@@ -289,7 +289,8 @@ fn losses_of_every_head() {
             [&batch.actions, &batch.linear, &centres, &padded].map(|v| put(&gpu, v));
         let (info, errors) = (put(&gpu, &info), gpu.buffer(8 * rows as u64));
         let wanted = Wanted { actions: &actions, linear: &linear, centres: &gcentres, info: &info };
-        let step = head.loss(&gpu, &cfg, [rows, stride], wanted, [&out, &errors], 1.0);
+        let params = gpu.uniform(&Head::words(&cfg, [rows, stride], 1.0));
+        let step = head.loss(&gpu, &params, rows, wanted, [&out, &errors]);
         let got = run(&gpu, [step], &out, rows * stride);
         let got: Vec<f32> = got.chunks(stride).flat_map(|row| row[..k].to_vec()).collect();
         close(&got, &want, EXACT, &format!("gradient of the head, {bins} bins, {skip:?}"));
