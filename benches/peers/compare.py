@@ -108,6 +108,8 @@ def main():
     p.add_argument("--json", action="store_true")
     a = p.parse_args()
     card = a.device != "cpu"
+    if a.half and not card:
+        p.error("--half is for --device cuda")
     extra = ["--device", "gpu"] * card + ["--half"] * a.half
     torch.set_num_threads(a.threads)
     modes = ["eager", "compile"] if a.compile else ["eager"]

@@ -32,7 +32,7 @@ use crate::rollout::{
 const FILES: &str = "files";
 
 /// Rollouts at once with a card, unless --threads says otherwise.
-const AT_ONCE: usize = 64;
+pub(super) const AT_ONCE: usize = 64;
 
 #[derive(clap::Args, Debug)]
 #[command(

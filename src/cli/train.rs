@@ -5,13 +5,15 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::bar::Bar;
+use super::eval::AT_ONCE;
 use super::failure::{Failure, Outcome};
 use super::global::Global;
 use super::interrupt::cancel_on_ctrl_c;
 use super::{motion, out};
 use crate::dataset::{Dataset, Verify};
 use crate::exit::Exit;
-use crate::gpu::{Choice, Precision, Request};
+use crate::gpu::{Arithmetic, Choice, GpuForwards, Request};
+use crate::net::forward::Forwards;
 use crate::train::evaluator::SuiteEvaluator;
 use crate::train::hindsight::Simulated;
 use crate::train::{
@@ -54,8 +56,8 @@ pub(super) struct Args {
     /// driver.
     #[arg(long, value_name = "auto|cpu|gpu[:N]", default_value_t = Choice::Cpu)]
     device: Choice,
-    /// Let the card multiply 16-bit factors on its matrix units, with 32-bit sums: several times
-    /// faster, less exact.
+    /// Let the card multiply 16-bit factors on its matrix units, with 32-bit sums: faster, and less
+    /// exact. When the run is resumed, give it again.
     #[arg(long)]
     half: bool,
     /// Minutes between checkpoints.
@@ -69,10 +71,10 @@ pub(super) struct Args {
     json: bool,
 }
 
-/// Rollouts at once in an evaluation on a graphics card.
-const AT_ONCE: usize = 64;
-
 pub(super) fn run(args: &Args, global: Global) -> Outcome {
+    if args.half && args.device == Choice::Cpu {
+        return Err(Failure::usage("--half is for graphics cards: add --device gpu"));
+    }
     let Plan { dir, cfg, robot: given, data } = plan(args)?;
     let robot = motion::robot(&given)?;
     let data = Dataset::open(&data, Verify::Full)?;
@@ -90,14 +92,16 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         .and_then(|e| e.map(selecting).transpose())
         .map_err(Failure::invalid)?;
     // If there is no card, the engine says so.
-    if let Ok(Some(device)) = args.device.forwards(AT_ONCE) {
-        evaluator = evaluator.map(|e| e.on(Box::new(device), AT_ONCE));
+    let device = args.device.forwards(AT_ONCE).ok().flatten().map(Arc::new);
+    if let Some(device) = &device {
+        let forwards: Arc<dyn Forwards + Send> = Arc::<GpuForwards>::clone(device);
+        evaluator = evaluator.map(|e| e.on(forwards, AT_ONCE));
     }
     let mut perform = Simulated { robot: Arc::clone(&robot), threads };
     let bar = Bar::new("train", "steps", global.quiet);
     let cancel = cancel_on_ctrl_c();
-    let precision = if args.half { Precision::Half } else { Precision::Single };
-    let request = Request { choice: args.device, precision };
+    let arithmetic = if args.half { Arithmetic::Half } else { Arithmetic::Single };
+    let request = Request { choice: args.device, arithmetic };
     let options = Options {
         dir: dir.clone(),
         threads,
@@ -118,6 +122,9 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     };
     let done = train(&data, &cfg, options);
     bar.finish();
+    for note in device.iter().flat_map(|d| d.notes()) {
+        tracing::warn!("in evaluations {note}");
+    }
     let done = done?;
     if args.json {
         out::json(&serde_json::json!({"dir": dir, "result": done}))?;

@@ -50,7 +50,7 @@ impl std::fmt::Display for Choice {
 
 /// How a card multiplies matrices.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Precision {
+pub enum Arithmetic {
     /// In 32 bits.
     #[default]
     Single,
@@ -65,7 +65,7 @@ pub struct Request {
     /// The processor or a card.
     pub choice: Choice,
     /// How a card multiplies.
-    pub precision: Precision,
+    pub arithmetic: Arithmetic,
 }
 
 /// A graphics card.

@@ -53,9 +53,7 @@ impl Columns {
         parts: &Span,
         to: &Span,
     ) -> [Step; 2] {
-        let [normed, stats, info] = &self.nothing;
-        let (step, slices) = one(&self.plain, gpu, shape, [x, normed, stats, info, parts]);
-        [step, product.fold(gpu, shape[1] / 4, slices, parts, to)]
+        self.sum(&self.plain, gpu, product, shape, [x, &self.nothing[2], parts, to])
     }
 
     /// As [`Columns::plain`], for factors of products.
@@ -68,9 +66,7 @@ impl Columns {
         parts: &Span,
         to: &Span,
     ) -> [Step; 2] {
-        let [normed, stats, info] = &self.nothing;
-        let (step, slices) = one(&self.factors, gpu, shape, [x, normed, stats, info, parts]);
-        [step, product.fold(gpu, shape[1] / 4, slices, parts, to)]
+        self.sum(&self.factors, gpu, product, shape, [x, &self.nothing[2], parts, to])
     }
 
     /// to += the sum of the rows of masked tokens.
@@ -83,8 +79,19 @@ impl Columns {
         parts: &Span,
         to: &Span,
     ) -> [Step; 2] {
+        self.sum(&self.masked, gpu, product, shape, [x, info, parts, to])
+    }
+
+    fn sum(
+        &self,
+        kernel: &Kernel,
+        gpu: &Device,
+        product: &Product,
+        shape: [usize; 2],
+        [x, info, parts, to]: [&Span; 4],
+    ) -> [Step; 2] {
         let [normed, stats, _] = &self.nothing;
-        let (step, slices) = one(&self.masked, gpu, shape, [x, normed, stats, info, parts]);
+        let (step, slices) = one(kernel, gpu, shape, [x, normed, stats, info, parts]);
         [step, product.fold(gpu, shape[1] / 4, slices, parts, to)]
     }
 

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::adapter::{Card, Precision};
+use super::adapter::{Arithmetic, Card};
 use super::{Error, adapter, product};
 
 /// The memory and binding sizes of a card that a training step may use.
@@ -88,9 +88,9 @@ impl Device {
     pub fn open(
         number: Option<usize>,
         software: bool,
-        precision: Precision,
+        arithmetic: Arithmetic,
     ) -> Result<Self, Error> {
-        Self::of(&adapter::choose(number, software)?, precision)
+        Self::of(&adapter::choose(number, software)?, arithmetic)
     }
 
     /// Opens this card.
@@ -98,7 +98,7 @@ impl Device {
     /// # Errors
     /// [`Error::Broken`], [`Error::Unfit`]; [`Error::Half`] if the card has no units for matrices of
     /// 16-bit factors and these are wanted.
-    pub fn of(card: &Card, precision: Precision) -> Result<Self, Error> {
+    pub fn of(card: &Card, arithmetic: Arithmetic) -> Result<Self, Error> {
         let broken = |why: String| Error::Broken { device: card.name.clone(), why };
         let limits = card.adapter.limits();
         if limits.max_compute_invocations_per_workgroup < 256
@@ -107,9 +107,9 @@ impl Device {
             let why = "it has fewer than 256 threads or 16 KiB in a workgroup".to_owned();
             return Err(Error::Unfit { device: card.name.clone(), why });
         }
-        let units = match precision {
-            Precision::Single => None,
-            Precision::Half => Some(units(card)?),
+        let units = match arithmetic {
+            Arithmetic::Single => None,
+            Arithmetic::Half => Some(units(card)?),
         };
         let room = Room {
             binding_bytes: limits.max_storage_buffer_binding_size.min(limits.max_buffer_size),

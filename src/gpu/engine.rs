@@ -1,7 +1,7 @@
 //! Training on a card, behind the interface of the processor.
 
 use super::adam::{Adam, State, Update};
-use super::adapter::{Choice, Precision, Request, software_wanted};
+use super::adapter::{Arithmetic, Choice, Request, software_wanted};
 use super::device::{Device, Span};
 use super::host::{Filler, Host};
 use super::kernel::Tape;
@@ -462,11 +462,11 @@ impl Engines for Request {
             Choice::Auto => None,
             Choice::Gpu(number) => number,
         };
-        let open = |precision| Device::open(number, software_wanted(), precision);
-        let opened = match open(self.precision) {
+        let open = |arithmetic| Device::open(number, software_wanted(), arithmetic);
+        let opened = match open(self.arithmetic) {
             Err(why @ Error::Half { .. }) => {
                 progress.log(&format!("training in 32 bits: {why}"));
-                open(Precision::Single)
+                open(Arithmetic::Single)
             }
             opened => opened,
         };

@@ -12,7 +12,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use robert_net::forward::{Forward, Forwards};
 use robert_net::{Batch, Net, NetConfig, WINDOW};
 
-use super::adapter::{Choice, Precision, software_wanted};
+use super::adapter::{Arithmetic, Choice, software_wanted};
 use super::device::Device;
 use super::plan::{Kernels, Plan, Segments, per_window};
 use super::slots::Slots;
@@ -57,7 +57,7 @@ impl Choice {
             Choice::Gpu(number) => number,
         };
         Ok(Some(GpuForwards::new(
-            Device::open(number, software_wanted(), Precision::Single)?,
+            Device::open(number, software_wanted(), Arithmetic::Single)?,
             windows,
         )))
     }

@@ -3,8 +3,11 @@
 //! [`GpuEngine`] does on the card what [`robert_net::CpuEngine`] does on the processor: the whole
 //! step from tokens to new weights, in single precision. [`adapter`] lists the cards, `device`
 //! opens one, each kernel has a file beside its WGSL, and `plan` records the dispatches of a step
-//! once. [`GpuForwards`] computes the windows of an evaluation's rollouts together. Sums run in fixed trees and there are no float atomics, so that a run has the same bits
-//! on the same adapter.
+//! once. [`GpuForwards`] computes the windows of an evaluation's rollouts together. Sums run in
+//! fixed trees and there are no float atomics, so that a run has the same bits on the same adapter.
+//!
+//! A *factor* is an operand of a matrix product. Factors have 32 bits, or 16 with
+//! [`Arithmetic::Half`], which uses a card's matrix units; sums always have 32.
 
 mod adam;
 pub mod adapter;
@@ -27,7 +30,7 @@ mod squares;
 #[cfg(test)]
 mod tests;
 
-pub use adapter::{Card, Choice, Precision, Request, cards};
+pub use adapter::{Arithmetic, Card, Choice, Request, cards};
 pub use device::{Device, Room};
 pub use engine::GpuEngine;
 pub use error::Error;

@@ -180,7 +180,7 @@ impl Product {
 /// Rows and columns of the result that a workgroup computes in single precision.
 const TILE: usize = 64;
 /// Matrices of a subgroup down and across.
-const MATRICES: [usize; 2] = [2, 4];
+const OF_SUBGROUP: [usize; 2] = [2, 4];
 /// Subgroups of a workgroup down and across.
 const SUBGROUPS: [usize; 2] = [4, 2];
 /// Matrices along the terms of a sum that are in workgroup memory at once.
@@ -188,7 +188,7 @@ const DEPTH: usize = 4;
 
 /// Rows and columns of the result that a workgroup computes on matrix units.
 fn tile(units: Units) -> [usize; 2] {
-    [0, 1].map(|i| MATRICES[i] * SUBGROUPS[i] * units.side)
+    [0, 1].map(|i| OF_SUBGROUP[i] * SUBGROUPS[i] * units.side)
 }
 
 /// Whether such units, on a card of these limits, can be used.
@@ -263,7 +263,7 @@ impl Kind {
     /// registers only if it is a variable of its own.
     fn matrices(&self, units: Units) -> String {
         let Units { side, lanes } = units;
-        let [down, across] = MATRICES;
+        let [down, across] = OF_SUBGROUP;
         let threads = SUBGROUPS[0] * SUBGROUPS[1] * lanes;
         // Quads of both factors that a thread reads at once.
         let [quads_a, quads_b] = tile(units).map(|n| n * DEPTH * side / 4 / threads);
@@ -306,7 +306,7 @@ impl Kind {
         });
         let names = [
             ("$SUMS$", sums),
-            ("$FIRST$", fetch("var ", "begin").join("\n")),
+            ("$BEGIN$", fetch("var ", "begin").join("\n")),
             ("$NEXT$", fetch("", "next").join("\n")),
             ("$KEEP$", keep.join("\n")),
             ("$MULTIPLY$", [left, right].join("\n")),

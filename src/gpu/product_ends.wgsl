@@ -1,5 +1,5 @@
-// What both kernels of products are given, and what follows the sum. Names in dollar signs are filled in by
-// product.rs.
+// What both kernels of products are given, and what follows the sum. Names in dollar signs are
+// filled in by product.rs and kernel.rs.
 
 struct Params {
     m: u32,      // rows of c

@@ -18,7 +18,7 @@ const SHORT: u32 = DEPTH / 8u + 1u;
 const LONG_A: u32 = ROWS / 8u + 1u;
 const LONG_B: u32 = COLUMNS / 8u + 1u;
 
-// Eight factors, at a multiple of 16 bytes: matrices are read in such pieces.
+// Eight factors, in steps of 16 bytes: drivers read a matrix faster in such pieces.
 alias Pair = array<vec4<f16>, 2>;
 
 // A row of a or of b' has DEPTH factors here, a row of a' ROWS, and a row of b COLUMNS.
@@ -115,7 +115,7 @@ fn main(
     let column = group % GROUPS_ACROSS * ACROSS * SIDE;
 $SUMS$
     // The next terms are on their way while matrices are multiplied.
-$FIRST$
+$BEGIN$
     for (var k0 = begin; k0 < end; k0 += DEPTH) {
 $KEEP$
         workgroupBarrier();

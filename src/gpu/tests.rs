@@ -9,7 +9,7 @@ mod steps;
 
 use super::device::{Device, Span};
 use super::kernel::{Step, Tape};
-use super::{Precision, Room, cards};
+use super::{Arithmetic, Room, cards};
 use robert_base::rng::{Rng, Stream};
 
 /// An adapter, or a line that says that there is none.
@@ -21,13 +21,13 @@ pub(super) fn device() -> Option<Device> {
         );
         return None;
     };
-    Some(Device::of(&card, Precision::Single).unwrap())
+    Some(Device::of(&card, Arithmetic::Single).unwrap())
 }
 
 /// An adapter that multiplies matrices of 16-bit numbers, or a line that says that there is none.
 pub(super) fn half() -> Option<Device> {
     let found = cards(true).into_iter().chain(cards(false));
-    let found = found.filter_map(|card| Device::of(&card, Precision::Half).ok()).next();
+    let found = found.filter_map(|card| Device::of(&card, Arithmetic::Half).ok()).next();
     if found.is_none() {
         println!("skipped: no adapter of this machine multiplies matrices of 16-bit numbers");
     }

@@ -132,6 +132,11 @@ impl NetPolicy {
         self.forward = device.open(&self.net);
     }
 
+    /// Whether a device computes.
+    pub fn is_on_device(&self) -> bool {
+        self.forward.is_some()
+    }
+
     /// Begins a new rollout: past windows are cleared, and random choices depend on `seed`.
     pub fn reset(&mut self, seed: u64) {
         self.windows = 0;

@@ -360,4 +360,35 @@ mod tests {
         }
         assert!(Reach::fit(&facts(), &Nothing, 0).is_err());
     }
+
+    #[test]
+    fn a_block_has_the_sums_of_its_samples() {
+        let (inputs, samples) = (5, 40);
+        let mut rng = Rng::new(3, Stream::Test, 1);
+        let x: Vec<f64> = (0..samples * inputs).map(|_| rng.normal()).collect();
+        // Joint j counts in j of every five samples: in none, in few, in most, in all.
+        let counts = |row: usize, j: usize| row % 5 < j;
+        let mut sums = vec![Sums::new(inputs); 6];
+        let mut block = Block::new(inputs, 6);
+        block.x.clone_from(&x);
+        let y = |row: usize, j: usize| (row * 7 + j) as f64 * 0.01;
+        block.y.extend((0..samples).flat_map(|row| {
+            (0..6).map(move |j| counts(row, j).then(|| y(row, j))).collect::<Vec<_>>()
+        }));
+        block.add_to(&mut sums);
+        for (j, sum) in sums.iter().enumerate() {
+            let rows: Vec<usize> = (0..samples).filter(|&row| counts(row, j)).collect();
+            assert_eq!(sum.count, rows.len() as f64);
+            for a in 0..inputs {
+                let column = |row: usize, k: usize| x[row * inputs + k];
+                let xy: f64 = rows.iter().map(|&r| column(r, a) * y(r, j)).sum();
+                assert!((sum.xy[a] - xy).abs() < 1e-9);
+                for b in 0..inputs {
+                    let xx: f64 = rows.iter().map(|&r| column(r, a) * column(r, b)).sum();
+                    assert!((sum.xx[a * inputs + b] - xx).abs() < 1e-9, "joint {j}");
+                }
+            }
+        }
+        assert_eq!(block.rows(), 0);
+    }
 }

@@ -106,10 +106,12 @@ impl PositionServo {
         let [by_way, by_speed] = self.gains(share);
         let rest = self.offset + along(q) + by_way * way - by_speed * along(v);
         let square: f64 = self.arms.iter().map(|(_, a)| a * a).sum();
-        let carries = self.arms.iter().zip(&self.shares);
-        let carried: f64 = carries
-            .map(|((k, a), share)| share * a * weight.get(*k).copied().unwrap_or(0.0) / square)
-            .sum();
+        let carried = if weight.is_empty() {
+            0.0
+        } else {
+            let parts = self.arms.iter().zip(&self.shares);
+            parts.map(|((k, a), part)| part * a * weight[*k]).sum::<f64>() / square
+        };
         let stiffness = -self.law.bias[1];
         let ctrl = (stiffness * rest + carried - self.law.bias[0]) / self.law.gain;
         ((ctrl - self.middle) / self.half).clamp(-1.0, 1.0)
@@ -121,7 +123,8 @@ impl PositionServo {
         [full * share + 1.0 - self.lead, full * self.coast]
     }
 
-    /// Divides the weight of each joint among the servos that move it.
+    /// Divides the weight of each joint equally among the servos that move it, as if they were
+    /// equally strong.
     pub(super) fn share_weights(servos: &mut [Option<PositionServo>]) {
         let mut carriers = BTreeMap::new();
         for (k, _) in servos.iter().flatten().flat_map(|servo| &servo.arms) {

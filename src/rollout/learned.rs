@@ -114,6 +114,11 @@ pub struct Learned {
 }
 
 impl Learned {
+    /// Whether a device computes; see [`Policy::on`].
+    pub fn is_on_device(&self) -> bool {
+        self.policy.is_on_device()
+    }
+
     /// The network of a model.
     ///
     /// # Errors

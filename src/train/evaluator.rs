@@ -30,8 +30,8 @@ pub struct SuiteEvaluator {
     cases: Vec<Case>,
     select: Select,
     threads: usize,
-    /// The card that computes the networks, if any.
-    device: Option<Box<dyn Forwards>>,
+    /// The card that computes the networks, and the rollouts at once that keep it busy.
+    device: Option<(Arc<dyn Forwards + Send>, usize)>,
 }
 
 #[derive(Debug)]
@@ -87,9 +87,8 @@ impl SuiteEvaluator {
 
     /// Lets a card compute the networks of this many rollouts at once.
     #[must_use]
-    pub fn on(mut self, device: Box<dyn Forwards>, at_once: usize) -> Self {
-        self.device = Some(device);
-        self.threads = at_once;
+    pub fn on(mut self, device: Arc<dyn Forwards + Send>, at_once: usize) -> Self {
+        self.device = Some((device, at_once));
         self
     }
 
@@ -122,7 +121,15 @@ impl SuiteEvaluator {
 impl Evaluate for SuiteEvaluator {
     fn evaluate(&mut self, model: &Model, cancel: &Cancel) -> Result<Option<Evaluation>, String> {
         let policy = Learned::new(model.clone(), NetPolicyConfig::default());
-        self.all(policy.map_err(|e| e.to_string())?, cancel)
+        let mut policy = policy.map_err(|e| e.to_string())?;
+        let mut threads = self.threads;
+        if let Some((device, at_once)) = &self.device {
+            policy.on(&**device);
+            if policy.is_on_device() {
+                threads = threads.max(*at_once);
+            }
+        }
+        self.all(policy, threads, cancel)
     }
 
     fn evaluate_linear(
@@ -131,7 +138,7 @@ impl Evaluate for SuiteEvaluator {
         cancel: &Cancel,
     ) -> Result<Option<Evaluation>, String> {
         let policy = Linear::new(model.encoder.clone()).map_err(|e| e.to_string())?;
-        self.all(policy.with_card(&model.card), cancel)
+        self.all(policy.with_card(&model.card), self.threads, cancel)
     }
 }
 
@@ -140,16 +147,13 @@ impl SuiteEvaluator {
     fn all<P: Policy + Clone + 'static>(
         &self,
         policy: P,
+        threads: usize,
         cancel: &Cancel,
     ) -> Result<Option<Evaluation>, String> {
-        let mut policy = policy;
-        if let Some(device) = &self.device {
-            policy.on(&**device);
-        }
         let policy = Mutex::new(policy);
         let mut found: Vec<Result<f64, String>> = vec![Ok(BROKEN); self.cases.len()];
         let queue = Mutex::new(self.cases.iter().zip(&mut found));
-        on_threads(self.threads, |_| {
+        on_threads(threads.min(self.cases.len()), |_| {
             while let Some((case, to)) = next_of(&queue) {
                 let policy = policy.lock().unwrap_or_else(PoisonError::into_inner).clone();
                 *to = self.one(policy, case, cancel);

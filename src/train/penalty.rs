@@ -56,40 +56,34 @@ pub fn choose(
     let tokens = tokeniser(data, cfg)?;
     let fit = ridge_config(cfg, &tokens);
     let penalties: Vec<f64> = [fit.lambda_per_sample].into_iter().chain(CANDIDATES).collect();
-    let all = || Side::new(data, Part::Train, cfg.seed);
-    let fits = |side: &Side<'_>| Ridge::fit_each(&tokens, side, &fit, &penalties, threads, cancel);
-    // A fit without frames that press also has another reach.
-    let mut candidates = Vec::new();
-    let mut add = |side: &Side<'_>, leave_pressing: bool| -> Result<(), Error> {
-        let ridges = fits(side)?;
-        let (card, net, encoder) = assemble(side, cfg, ridges.first().cloned(), threads)?;
-        let model = Model { card, net, encoder, optimiser: None };
-        let penalties = [None].into_iter().chain(CANDIDATES.map(Some));
-        for (ridge_penalty, ridge) in penalties.zip(ridges) {
-            candidates.push((Choice { ridge_penalty, leave_pressing }, model.clone(), ridge));
-        }
-        Ok(())
-    };
-    add(&all(), false)?;
+    let mut sides = vec![(Side::new(data, Part::Train, cfg.seed), false)];
     let pressing = Pressing::find(data, cfg.seed);
     if pressing.share() >= SEVERAL {
-        add(&all().without(pressing), true)?;
+        sides.push((Side::new(data, Part::Train, cfg.seed).without(pressing), true));
     }
     let mut best = (Choice::default(), f64::INFINITY);
-    for (choice, mut model, ridge) in candidates {
-        model.encoder = Encoder::new(model.encoder.tokens, Some(ridge))?;
-        let found = evaluator
-            .evaluate_linear(&model, cancel)
-            .map_err(|why| Error::Evaluation { step: 0, why })?;
-        // Without its errors there is no choice.
-        if cancel.is_cancelled() {
-            return Err(robert_net::Error::Stopped.into());
-        }
-        let precision = found.map_or(f64::INFINITY, |e| e.precision);
-        if choice == Choice::default() {
-            best.1 = WORTH * precision;
-        } else if precision < best.1 {
-            best = (choice, precision);
+    for (side, leave_pressing) in sides {
+        let ridges = Ridge::fit_each(&tokens, &side, &fit, &penalties, threads, cancel)?;
+        // Without frames that press, the reach is another one, too.
+        let (card, net, encoder) = assemble(&side, cfg, None, threads)?;
+        let mut model = Model { card, net, encoder, optimiser: None };
+        let penalties = [None].into_iter().chain(CANDIDATES.map(Some));
+        for (ridge_penalty, ridge) in penalties.zip(ridges) {
+            let choice = Choice { ridge_penalty, leave_pressing };
+            model.encoder = Encoder::new(model.encoder.tokens, Some(ridge))?;
+            let found = evaluator
+                .evaluate_linear(&model, cancel)
+                .map_err(|why| Error::Evaluation { step: 0, why })?;
+            // Without its errors there is no choice.
+            if cancel.is_cancelled() {
+                return Err(robert_net::Error::Stopped.into());
+            }
+            let precision = found.map_or(f64::INFINITY, |e| e.precision);
+            if choice == Choice::default() {
+                best.1 = WORTH * precision;
+            } else if precision < best.1 {
+                best = (choice, precision);
+            }
         }
     }
     Ok(best.0)
@@ -100,12 +94,14 @@ mod tests {
     use super::*;
     use crate::Evaluation;
     use crate::tests::untrained;
+    use robert_net::reach::Reach;
     use std::collections::BTreeMap;
 
     /// Likes small weights, or does not.
     struct Judge {
         likes_small: bool,
         seen: Vec<f64>,
+        reaches: Vec<Option<Reach>>,
     }
 
     /// Is stopped at the first question.
@@ -131,6 +127,7 @@ mod tests {
             let ridge = model.encoder.ridge.as_ref().ok_or("no linear prediction")?;
             let size: f64 = ridge.weights().iter().map(|w| f64::from(w.abs())).sum();
             self.seen.push(size);
+            self.reaches.push(model.card.reach.clone());
             let precision = if self.likes_small { size } else { 1.0 / size };
             Ok(Some(Evaluation { precision, suites: BTreeMap::new() }))
         }
@@ -142,13 +139,18 @@ mod tests {
         let (_, data, _) = untrained("pointmass", 0, dir.path());
         let cfg = TrainConfig::preset("instant").unwrap();
         for likes_small in [true, false] {
-            let mut judge = Judge { likes_small, seen: Vec::new() };
+            let mut judge = Judge { likes_small, seen: Vec::new(), reaches: Vec::new() };
             let found = choose(&data, &cfg, 2, &mut judge, &Cancel::default()).unwrap();
             // With all frames, then without those at the walls.
             assert_eq!(judge.seen.len(), 10);
             for seen in judge.seen.chunks(5) {
                 assert!(seen.windows(2).all(|w| w[1] < w[0]), "{seen:?}");
             }
+            // Each half has its own reach.
+            for half in judge.reaches.chunks(5) {
+                assert!(half[0].is_some() && half.iter().all(|r| *r == half[0]));
+            }
+            assert_ne!(judge.reaches[0], judge.reaches[5]);
             let ridge_penalty = likes_small.then_some(CANDIDATES[3]);
             assert_eq!(found, Choice { ridge_penalty, leave_pressing: false });
         }

@@ -8,7 +8,7 @@ use super::clock::median;
 use super::engine::{Size, Sizes, fill};
 use crate::cli::failure::Outcome;
 use crate::cli::out;
-use crate::gpu::{Device, GpuEngine, Precision, adapter};
+use crate::gpu::{Arithmetic, Device, GpuEngine, adapter};
 use crate::net::{AdamConfig, Batch, Engine, Net, Setup};
 
 #[derive(Serialize)]
@@ -26,7 +26,7 @@ struct Row {
 
 /// Measures all sizes on the card of this number, or the first.
 pub(super) fn run(
-    on: (Option<usize>, Precision),
+    on: (Option<usize>, Arithmetic),
     sizes: &Sizes,
     batch: Option<usize>,
     threads: usize,
@@ -59,7 +59,7 @@ pub(super) fn run(
 }
 
 fn measure(
-    on: (Option<usize>, Precision),
+    on: (Option<usize>, Arithmetic),
     size: Size,
     batch: usize,
     threads: usize,

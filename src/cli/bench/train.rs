@@ -9,7 +9,7 @@ use super::clock::{median, process_cpu};
 use super::engine::{Size, Sizes, check_threads, fill, peak};
 use crate::cli::failure::{Failure, Outcome};
 use crate::cli::out;
-use crate::gpu::{Choice, Precision};
+use crate::gpu::{Arithmetic, Choice};
 use crate::net::{AdamConfig, Learner, Net};
 
 #[derive(clap::Args, Debug)]
@@ -72,14 +72,17 @@ pub(super) fn run(args: &Args) -> Outcome {
         return Err(Failure::usage("--batch takes 1 to 65536"));
     }
     let number = match args.device {
+        Choice::Cpu if args.half => {
+            return Err(Failure::usage("--half is for graphics cards: add --device gpu"));
+        }
         Choice::Cpu => None,
         Choice::Auto => return Err(Failure::usage("--device takes cpu, gpu or gpu:N here")),
         Choice::Gpu(number) => Some(number),
     };
     if let Some(number) = number {
-        let precision = if args.half { Precision::Half } else { Precision::Single };
+        let arithmetic = if args.half { Arithmetic::Half } else { Arithmetic::Single };
         let Args { sizes, batch, threads, secs, json, .. } = args;
-        let on = (number, precision);
+        let on = (number, arithmetic);
         return super::device::run(on, sizes, *batch, *threads, *secs, *json);
     }
     let (mut rows, mut peaks) = (Vec::new(), Vec::new());

@@ -10,7 +10,7 @@ use super::super::kernel::{Step, Tape};
 use super::super::norm::Norm;
 use super::super::product::{End, Product};
 use super::super::round::Round;
-use super::{Precision, cards, put, random};
+use super::{Arithmetic, cards, put, random};
 use crate::Device;
 
 /// Seconds of these dispatches.
@@ -35,16 +35,14 @@ fn clock(gpu: &Device, mut steps: impl FnMut() -> Vec<Step>) -> f64 {
 fn speed() {
     let windows = std::env::var("WINDOWS").ok().and_then(|n| n.parse().ok()).unwrap_or(512);
     let (rows, d, heads) = (windows * 51, 768, 6);
-    for precision in [Precision::Single, Precision::Half] {
-        let Some(gpu) = cards(false)
-            .into_iter()
-            .chain(cards(true))
-            .find_map(|card| Device::of(&card, precision).ok())
+    for arithmetic in [Arithmetic::Single, Arithmetic::Half] {
+        let Some(gpu) =
+            cards(false).into_iter().find_map(|card| Device::of(&card, arithmetic).ok())
         else {
-            println!("{precision:?}: no card");
+            println!("{arithmetic:?}: no card");
             continue;
         };
-        println!("{precision:?} on {}", gpu.name());
+        println!("{arithmetic:?} on {}", gpu.name());
         let noise = random(1 << 20, 1);
         let fill = |n: usize| {
             let wide: Vec<f32> = noise.iter().copied().cycle().take(n).collect();

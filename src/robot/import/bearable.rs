@@ -6,7 +6,7 @@
 //! joint, and such joints get armature. Both depend on the pose: two links that fold onto each other
 //! can turn their common joint almost without inertia. Servos at tendons are left as they are.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use nalgebra::DMatrix;
@@ -35,8 +35,8 @@ const UNBOUNDED: f64 = 1.5;
 /// The changes that a model needs.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Bearable {
-    /// Actuators whose damping must move to their joint, and that joint.
-    pub(super) moved: BTreeMap<usize, usize>,
+    /// Actuators whose damping must move to their joint.
+    pub(super) moved: BTreeSet<usize>,
     /// The new damping of these joints.
     pub(super) damping: BTreeMap<usize, f64>,
     /// The new armature of joints.
@@ -73,7 +73,7 @@ impl Bearable {
             if SIM_DT * own > MOST * least[dof] {
                 all.damping.insert(joint, model.dof_damping()[dof] + own);
                 least[dof] += SIM_DT * own;
-                all.moved.extend(damps.into_iter().map(|a| (a, joint)));
+                all.moved.extend(damps);
             }
             let needed = (SIM_DT / SWING).powi(2) * stiffness;
             if needed > least[dof] {
@@ -139,7 +139,7 @@ mod tests {
         let text = format!(
             r#"<mujoco><worldbody><body><joint name="a" axis="0 1 0"/>{link}
             <body pos=".3 0 0"><joint name="b" axis="0 1 0"/>{link}</body></body></worldbody>
-            <actuator><motor joint="a"/></actuator></mujoco>"#
+            <actuator><motor joint="a"/><motor joint="a"/></actuator></mujoco>"#
         );
         let model = Arc::new(Model::from_xml(&text).unwrap());
         let least = least_inertias(&model).unwrap();
@@ -149,9 +149,15 @@ mod tests {
         };
         // By its inertia alone, 45 N m s/rad would do.
         let moved = changes(80.0, 12.0);
-        assert_eq!((moved.moved.get(&0), moved.damping.get(&0)), (Some(&0), Some(&12.0)));
+        assert_eq!((moved.moved, moved.damping), ([0].into(), [(0, 12.0)].into()));
         assert!(changes(80.0, 1.0).is_empty());
         assert!(changes(0.0, 0.0).is_empty());
+        // Two servos damp the joint together.
+        let some = 0.6 * MOST * least[0] / SIM_DT;
+        let servo = || Some(Law { gain: 80.0, bias: [0.0, -80.0, -some] });
+        assert!(changes(80.0, some).is_empty());
+        let both = Bearable::of(&[servo(), servo()], &model).unwrap();
+        assert_eq!((both.moved, both.damping), ([0, 1].into(), [(0, 2.0 * some)].into()));
         let stiff = changes(8000.0, 0.0);
         assert!(stiff.damping.is_empty());
         let missing = 8000.0 * SIM_DT * SIM_DT - least[0];

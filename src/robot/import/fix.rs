@@ -140,9 +140,7 @@ pub(super) fn actuators(
         ));
     } else {
         for a in 0..model.nu() {
-            if let Some(m) =
-                motor(draft, model, a, config, &efforts, changes.moved.contains_key(&a))
-            {
+            if let Some(m) = motor(draft, model, a, config, &efforts, changes.moved.contains(&a)) {
                 motors.push(m);
             }
         }
