@@ -502,3 +502,21 @@ fn names_that_a_model_lacks_and_faces_that_disagree_do_not_stop_an_import() {
     let mass = v["mass_kg"].as_f64().unwrap();
     assert!((0.5..0.75).contains(&mass), "{mass}");
 }
+
+/// The simulator finds no convex hull of a plate without thickness.
+#[test]
+fn a_flat_mesh_is_taken_in_and_it_is_said() {
+    let plate = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 3 4\n";
+    let xml = r#"<mujoco><asset><mesh name="m" file="plate.obj"/></asset><worldbody>
+        <body><joint name="a" damping="1"/><inertial pos="0 0 0" mass="1" diaginertia=".1 .1 .1"/>
+        <geom type="mesh" mesh="m"/></body></worldbody><actuator><motor joint="a"/></actuator></mujoco>"#;
+    let ran = robert()
+        .file("m.xml", xml)
+        .file("plate.obj", plate)
+        .args(["import", "m.xml", "--out", "bot", "--json"])
+        .succeeds();
+    let v = ran.json();
+    let warnings = notes(&v, "warnings");
+    assert!(warnings.contains("mesh plate.obj: its points were moved by up to"), "{warnings}");
+    assert_eq!((v["files"].as_u64(), v["mass_kg"].as_f64()), (Some(1), Some(1.0)));
+}

@@ -47,6 +47,8 @@ pub enum Stream {
     Reached = 18,
     /// Movements of goals that are tried to get around what blocks a joint.
     Detour = 19,
+    /// Small movements of a mesh's points.
+    Mesh = 20,
     /// Tests only.
     Test = 99,
 }

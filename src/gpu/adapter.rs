@@ -83,13 +83,6 @@ pub struct Card {
     pub(crate) adapter: wgpu::Adapter,
 }
 
-impl Card {
-    /// Whether it multiplies matrices of 16-bit factors.
-    pub fn half(&self) -> bool {
-        super::device::units(self).is_ok()
-    }
-}
-
 /// Whether the software driver counts as a card, by the environment.
 pub fn software_wanted() -> bool {
     std::env::var_os(VARIABLE).is_some_and(|v| v == "software")

@@ -3,7 +3,8 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::adapter::{Arithmetic, Card};
-use super::{Error, adapter, product};
+use super::units::{MATRICES, Units, units};
+use super::{Error, adapter};
 
 /// The memory and binding sizes of a card that a training step may use.
 #[derive(Clone, Copy, Debug)]
@@ -12,15 +13,6 @@ pub struct Room {
     pub binding_bytes: u64,
     /// Bytes for the activations of the windows that are computed at once.
     pub activation_bytes: u64,
-}
-
-/// Matrix units: square matrices of 16-bit factors with 32-bit sums, multiplied by a subgroup.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Units {
-    /// Rows and columns of a matrix.
-    pub(crate) side: usize,
-    /// Threads of a subgroup.
-    pub(crate) lanes: usize,
 }
 
 /// An open device.
@@ -42,34 +34,6 @@ pub(crate) struct Span {
     pub(crate) buffer: wgpu::Buffer,
     pub(crate) offset: u64,
     pub(crate) bytes: u64,
-}
-
-/// What products of 16-bit matrices need.
-const MATRICES: wgpu::Features = wgpu::Features::SHADER_F16
-    .union(wgpu::Features::SUBGROUP)
-    .union(wgpu::Features::EXPERIMENTAL_COOPERATIVE_MATRIX);
-
-/// The card's units that the kernels can use.
-pub(crate) fn units(card: &Card) -> Result<Units, Error> {
-    use wgpu::CooperativeScalarType::{F16, F32};
-    let unfit = |why: String| Error::Half { device: card.name.clone(), why };
-    if !card.adapter.features().contains(MATRICES) {
-        return Err(unfit("its driver offers no matrices of 16-bit numbers".to_owned()));
-    }
-    let info = card.adapter.get_info();
-    let lanes = info.subgroup_min_size as usize;
-    let offered = card.adapter.cooperative_matrix_properties();
-    let one_size = info.subgroup_max_size as usize == lanes;
-    let fitting = offered.iter().find_map(|p| {
-        let square = p.m_size == p.n_size && p.m_size == p.k_size;
-        let units = Units { side: p.m_size as usize, lanes };
-        let kind = (p.ab_type, p.cr_type) == (F16, F32);
-        (square && one_size && kind && product::fits(units, &card.adapter.limits()))
-            .then_some(units)
-    });
-    fitting.ok_or_else(|| {
-        unfit(format!("its matrices of 16-bit numbers do not fit subgroups of {lanes} threads"))
-    })
 }
 
 /// Leave to use matrices.

@@ -161,8 +161,8 @@ mod tests {
     #[test]
     fn the_kernels_are_valid() {
         use crate::columns::SOURCES;
-        use crate::device::Units;
         use crate::product::sources;
+        use crate::units::Units;
         let large = Units { side: 16, lanes: 32 };
         for units in [None, Some(large), Some(Units { side: 8, lanes: 8 })] {
             let others = [
@@ -199,7 +199,7 @@ mod tests {
         naga::valid::Validator::new(flags, capabilities)
             .validate(&module)
             .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(text)));
-        // WebGPU guarantees 16 KiB of workgroup memory. `product::fits` asks for what matrix units
+        // WebGPU guarantees 16 KiB of workgroup memory. `units::fits` asks for what matrix units
         // need.
         let most = if half { 49_152 } else { 16_384 };
         let shared: u32 = module

@@ -29,6 +29,7 @@ mod slots;
 mod squares;
 #[cfg(test)]
 mod tests;
+mod units;
 
 pub use adapter::{Arithmetic, Card, Choice, Request, cards};
 pub use device::{Device, Room};

@@ -1,8 +1,9 @@
 //! Matrix products c = a b in three transpositions, each with the operation that follows it in a
 //! network.
 
-use super::device::{Device, Span, Units};
+use super::device::{Device, Span};
 use super::kernel::{Kernel, Step, line};
+use super::units::{DEPTH, OF_SUBGROUP, SUBGROUPS, Units, tile};
 
 /// The operation that follows the sum.
 #[derive(Clone, Copy, Debug)]
@@ -179,32 +180,6 @@ impl Product {
 
 /// Rows and columns of the result that a workgroup computes in single precision.
 const TILE: usize = 64;
-/// Matrices of a subgroup down and across.
-const OF_SUBGROUP: [usize; 2] = [2, 4];
-/// Subgroups of a workgroup down and across.
-const SUBGROUPS: [usize; 2] = [4, 2];
-/// Matrices along the terms of a sum that are in workgroup memory at once.
-const DEPTH: usize = 4;
-
-/// Rows and columns of the result that a workgroup computes on matrix units.
-fn tile(units: Units) -> [usize; 2] {
-    [0, 1].map(|i| OF_SUBGROUP[i] * SUBGROUPS[i] * units.side)
-}
-
-/// Whether such units, on a card of these limits, can be used.
-pub(crate) fn fits(units: Units, limits: &wgpu::Limits) -> bool {
-    let Units { side, lanes } = units;
-    let threads = SUBGROUPS[0] * SUBGROUPS[1] * lanes;
-    let terms = DEPTH * side;
-    // As the kernel's arrays, in bytes.
-    let factors = tile(units).map(|n| 16 * (n * (terms / 8 + 1)).max(terms * (n / 8 + 1)));
-    let memory = factors[0] + factors[1] + threads / lanes * 4 * side * side;
-    let whole = tile(units).iter().all(|n| (n * terms / 4).is_multiple_of(threads));
-    whole
-        && memory <= limits.max_compute_workgroup_storage_size as usize
-        && threads <= limits.max_compute_invocations_per_workgroup as usize
-}
-
 /// Workgroups of a result of m rows and n columns.
 fn grid([rows, columns]: [usize; 2], m: usize, n: usize, slices: usize) -> [u32; 3] {
     [n.div_ceil(columns) as u32, m.div_ceil(rows) as u32, slices as u32]
@@ -333,24 +308,4 @@ fn lines(n: usize, line: impl Fn(usize) -> String) -> String {
 /// Parameters as the kernels read them.
 pub(crate) fn words<const N: usize>(x: [usize; N]) -> [u32; N] {
     x.map(|x| u32::try_from(x).unwrap_or_else(|_| unreachable!("a size beyond 32 bits: {x}")))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn units_fit_if_workgroup_memory_and_threads_suffice() {
-        let of = |memory: u32, threads: u32| wgpu::Limits {
-            max_compute_workgroup_storage_size: memory,
-            max_compute_invocations_per_workgroup: threads,
-            ..wgpu::Limits::default()
-        };
-        let large = Units { side: 16, lanes: 32 };
-        assert!(fits(large, &of(49_152, 1024)));
-        assert!(!fits(large, &of(32_768, 1024)) && !fits(large, &of(49_152, 128)));
-        assert!(fits(Units { side: 8, lanes: 8 }, &of(32_768, 1024)));
-        // A thread would have less than a quad to read.
-        assert!(!fits(Units { side: 8, lanes: 128 }, &of(49_152, 1024)));
-    }
 }

@@ -7,6 +7,7 @@ use std::path::Path;
 
 use robert_base::fsio;
 use robert_base::limits;
+use robert_base::rng::{Rng, Stream};
 
 /// Bytes of a binary STL before its first triangle.
 const STL_HEAD: u64 = 84;
@@ -181,6 +182,79 @@ pub(super) fn separate_faces(name: &str, bytes: &[u8]) -> Option<Vec<u8>> {
     Some(out.into_bytes())
 }
 
+/// A mesh whose points are moved by up to a millionth of its size, each always in the same way, so
+/// that faces that shared a corner still do. `None` for other files than OBJ and binary STL, and for
+/// damaged ones.
+pub(super) fn nudged(name: &str, bytes: &[u8]) -> Option<Vec<u8>> {
+    match extension(Path::new(name)).as_str() {
+        "obj" => nudged_obj(std::str::from_utf8(bytes).ok()?),
+        "stl" => nudged_stl(bytes),
+        _ => None,
+    }
+}
+
+fn nudged_obj(text: &str) -> Option<Vec<u8>> {
+    let corner = |line: &str| -> Option<[f32; 3]> {
+        let mut words = line.strip_prefix("v ")?.split_whitespace();
+        let mut next = || words.next()?.parse::<f32>().ok().filter(|x| x.is_finite());
+        Some([next()?, next()?, next()?])
+    };
+    let step = step(text.lines().filter_map(corner));
+    let mut out = String::new();
+    for line in text.lines() {
+        match corner(line) {
+            Some(at) => {
+                let [x, y, z] = moved(at, step);
+                writeln!(out, "v {x:.9} {y:.9} {z:.9}").ok()?;
+            }
+            None => writeln!(out, "{line}").ok()?,
+        }
+    }
+    Some(out.into_bytes())
+}
+
+fn nudged_stl(bytes: &[u8]) -> Option<Vec<u8>> {
+    let faces = usize::try_from(stl_faces(bytes)?).ok()?;
+    let corners = |face: usize| {
+        (0..3).map(move |k| STL_HEAD as usize + face * STL_FACE as usize + 12 * (k + 1))
+    };
+    let corner = |at: usize| -> Option<[f32; 3]> {
+        let number = |i: usize| {
+            let four = bytes.get(at + 4 * i..at + 4 * i + 4)?.try_into().ok()?;
+            Some(f32::from_le_bytes(four)).filter(|x| x.is_finite())
+        };
+        Some([number(0)?, number(1)?, number(2)?])
+    };
+    let all: Option<Vec<[f32; 3]>> = (0..faces).flat_map(corners).map(corner).collect();
+    let step = step(all?.into_iter());
+    let mut out = bytes.to_vec();
+    for at in (0..faces).flat_map(corners) {
+        for (i, x) in moved(corner(at)?, step).into_iter().enumerate() {
+            out[at + 4 * i..at + 4 * i + 4].copy_from_slice(&x.to_le_bytes());
+        }
+    }
+    Some(out)
+}
+
+/// A millionth of the size of a set of points.
+fn step(points: impl Iterator<Item = [f32; 3]>) -> f32 {
+    let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    for p in points {
+        for i in 0..3 {
+            (low[i], high[i]) = (low[i].min(p[i]), high[i].max(p[i]));
+        }
+    }
+    let sides = (0..3).map(|i| high[i] - low[i]);
+    1e-6 * sides.fold(0.0, f32::max)
+}
+
+/// A point that is moved by up to `step` along each axis, as its own place decides.
+fn moved(at: [f32; 3], step: f32) -> [f32; 3] {
+    let [x, y, z] = at.map(|x| u64::from(x.to_bits()));
+    let mut rng = Rng::new(x << 32 | y, Stream::Mesh, z);
+    at.map(|x| x + step * rng.range(-1.0, 1.0) as f32)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -195,6 +269,25 @@ mod tests {
         assert_eq!(normalised("t.stl", out.clone()).unwrap(), out, "binary stays");
         assert!(normalised("t.stl", b"solid x\nvertex 1 2\n".to_vec()).is_err());
         assert_eq!(normalised("t.obj", b"v 1".to_vec()).unwrap(), b"v 1");
+    }
+
+    #[test]
+    fn nudged_points_stay_together_and_near() {
+        let text = "v 0 0 0\nv 2 0 0\nv 0 1 0\nv 0 0 0 .5 .5 .5\nf 1 2 3\n";
+        let obj = String::from_utf8(nudged("a.OBJ", text.as_bytes()).unwrap()).unwrap();
+        let lines: Vec<&str> = obj.lines().collect();
+        assert_eq!((lines[0], lines[4]), (lines[3], "f 1 2 3"));
+        let stl = normalised("a.stl", TETRA.as_bytes().to_vec()).unwrap();
+        let new = nudged("a.stl", &stl).unwrap();
+        let numbers = |bytes: &[u8]| -> Vec<f32> {
+            let face = &bytes[STL_HEAD as usize + 12..STL_HEAD as usize + 48];
+            face.chunks_exact(4).map(|b| f32::from_le_bytes(b.try_into().unwrap())).collect()
+        };
+        assert_eq!(new.len(), stl.len());
+        for (old, new) in numbers(&stl).iter().zip(numbers(&new)) {
+            assert!(*old != new && (old - new).abs() <= 1.1e-6, "{old} {new}");
+        }
+        assert!(nudged("a.msh", &stl).is_none() && nudged("a.stl", &stl[..90]).is_none());
     }
 
     #[test]

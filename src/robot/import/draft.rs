@@ -38,6 +38,8 @@ pub(super) struct Draft {
     pub(super) warnings: Vec<String>,
     /// The origin of each file, so that one file is copied only once.
     pub(super) sources: BTreeMap<std::path::PathBuf, String>,
+    /// Meshes by name that were rewritten, and why.
+    pub(super) rewritten: BTreeSet<(String, &'static str)>,
     /// Bytes of the files so far.
     pub(super) bytes: u64,
 }

@@ -45,6 +45,9 @@ pub(super) fn heal(draft: &mut Draft, error: &Error, path: &Path) -> Result<bool
     if let Some((_, rest)) = message.split_once("faces have inconsistent orientation: ") {
         return faces(draft, rest.split(';').next().unwrap_or(rest), path);
     }
+    if let Some((_, rest)) = message.split_once("qhull error; Object name = ") {
+        return hull(draft, rest.split(',').next().unwrap_or(rest), path);
+    }
     Ok(false)
 }
 
@@ -92,25 +95,44 @@ fn classes(draft: &mut Draft, path: &Path) -> Result<bool, Error> {
 /// Separates the faces of a mesh that do not agree on inside and outside. Its volume becomes the
 /// sum of what the faces span, whatever their sign: MuJoCo 3 reads it so by default.
 fn faces(draft: &mut Draft, name: &str, path: &Path) -> Result<bool, Error> {
+    let why = "its faces do not agree on inside and outside; if it weighs anything, its mass and \
+               inertia are estimates";
+    rewrite(draft, name, path, mesh::separate_faces, why)
+}
+
+/// Moves the points of a mesh a little, where the simulator finds no convex hull of many points in
+/// one plane or on one circle.
+fn hull(draft: &mut Draft, name: &str, path: &Path) -> Result<bool, Error> {
+    let why = "its points were moved by up to a millionth of its size, because the simulator found \
+               no convex hull of them";
+    rewrite(draft, name, path, mesh::nudged, why)
+}
+
+/// Replaces the file of a mesh by what `new` makes of it, once, and warns.
+fn rewrite(
+    draft: &mut Draft,
+    name: &str,
+    path: &Path,
+    new: fn(&str, &[u8]) -> Option<Vec<u8>>,
+    why: &'static str,
+) -> Result<bool, Error> {
     let doc = preparse::parse(&draft.xml, path)?;
     let is = |n: &Node<'_, '_>| n.has_tag_name("mesh") && n.attribute("name") == Some(name);
     let Some(file) = doc.descendants().find(is).and_then(|n| n.attribute("file")) else {
         return Ok(false);
     };
-    let line = format!(
-        "mesh {file}: its faces do not agree on inside and outside; if it weighs anything, its \
-         mass and inertia are estimates"
-    );
+    let line = format!("mesh {file}: {why}");
     let known = draft.assets.iter().find(|(n, _)| n == file);
-    let Some(bytes) = known.and_then(|(n, bytes)| mesh::separate_faces(n, bytes)) else {
+    let Some(bytes) = known.and_then(|(n, bytes)| new(n, bytes)) else {
         return Ok(false);
     };
-    if draft.warnings.contains(&line) {
-        return Ok(false);
-    }
     let file = file.to_owned();
     drop(doc);
-    let new = draft.add(Path::new(&file), "obj", bytes)?;
+    if !draft.rewritten.insert((name.to_owned(), why)) {
+        return Ok(false);
+    }
+    let kind = mesh::extension(Path::new(&file));
+    let new = draft.add(Path::new(&file), &kind, bytes)?;
     let doc = preparse::parse(&draft.xml, path)?;
     let mut edits = Edits::default();
     doc.descendants()
@@ -128,6 +150,11 @@ fn faces(draft: &mut Draft, name: &str, path: &Path) -> Result<bool, Error> {
 pub(super) fn hint(message: &str) -> Option<&'static str> {
     if message.contains("inconsistent orientation") {
         return Some("; turn the faces outwards and save the mesh as OBJ or STL");
+    }
+    if message.contains("qhull error") {
+        return Some(
+            "; no convex hull of this mesh was found: give the shape some thickness, or a simpler mesh",
+        );
     }
     let words = ["unrecognized attribute", "unrecognized element", "invalid keyword"];
     words.iter().any(|w| message.contains(w)).then_some(
