@@ -77,7 +77,9 @@ impl Product {
         let [none, _, spare] = &self.nothing;
         let params = words([m, n / 4, k, k / 4, n / 4, k.next_multiple_of(16), 0]);
         let grid = grid([TILE; 2], m, n, 1);
-        self.exact[0].step(gpu, &params, &[x, w, bias, none, c, spare], grid)
+        self.exact[0]
+            .step(gpu, &params, &[x, w, bias, none, c, spare], grid)
+            .with_work(2.0 * (m * k * n) as f64)
     }
 
     /// c (m, n) = x (m, k) w (k, n), with a bias.
@@ -201,16 +203,17 @@ const fn kind(a_t: bool, b_t: bool, end: u8, rounded: [bool; 3]) -> Kind {
 }
 
 /// All kernels, in the order of [`Product::new`].
+#[rustfmt::skip]
 const KINDS: [Kind; 9] = [
-    kind(false, false, 1, [true, false, false]),
-    kind(false, false, 1, [true, true, false]),
-    kind(false, false, 2, [true, false, false]),
-    kind(false, false, 3, [true, true, false]),
-    kind(false, true, 0, [true, true, false]),
-    kind(false, true, 4, [true, true, true]),
-    kind(true, false, 0, [true, false, false]),
-    kind(false, false, 1, [false, false, false]),
-    kind(true, false, 0, [false, false, false]),
+    kind(false, false, 1, [true, false, false]),   // the head
+    kind(false, false, 1, [true, true, false]),    // queries, keys and values
+    kind(false, false, 2, [true, false, false]),   // onto the residual stream
+    kind(false, false, 3, [true, true, false]),    // the feed-forward layer
+    kind(false, true, 0, [true, true, false]),     // back
+    kind(false, true, 4, [true, true, true]),      // back through GELU
+    kind(true, false, 0, [true, false, false]),    // weights
+    kind(false, false, 1, [false, false, false]),  // the embedding
+    kind(true, false, 0, [false, false, false]),   // its weights
 ];
 
 /// The sources of all kernels.
