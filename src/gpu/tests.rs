@@ -26,8 +26,8 @@ pub(super) fn device() -> Option<Device> {
 
 /// An adapter that multiplies matrices of 16-bit numbers, or a line that says that there is none.
 pub(super) fn half() -> Option<Device> {
-    let found = cards(true).into_iter().chain(cards(false));
-    let found = found.filter_map(|card| Device::of(&card, Arithmetic::Half).ok()).next();
+    let mut all = cards(true).into_iter().chain(cards(false));
+    let found = all.find_map(|card| Device::of(&card, Arithmetic::Half).ok());
     if found.is_none() {
         println!("skipped: no adapter of this machine multiplies matrices of 16-bit numbers");
     }
