@@ -3,6 +3,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::adapter::{Arithmetic, Card};
+use super::trusted;
 use super::units::{MATRICES, Units, units};
 use super::{Error, adapter};
 
@@ -34,14 +35,6 @@ pub(crate) struct Span {
     pub(crate) buffer: wgpu::Buffer,
     pub(crate) offset: u64,
     pub(crate) bytes: u64,
-}
-
-/// Leave to use matrices.
-#[expect(unsafe_code, reason = "wgpu wants it for what is new")]
-fn experimental() -> wgpu::ExperimentalFeatures {
-    // SAFETY: wgpu asks for it because there may be mistakes in its matrices. Tests compare the
-    // kernels that use them with the processor's results.
-    unsafe { wgpu::ExperimentalFeatures::enabled() }
 }
 
 impl Device {
@@ -83,7 +76,7 @@ impl Device {
             label: Some("robert training"),
             required_limits: limits,
             required_features: if units.is_some() { MATRICES } else { wgpu::Features::empty() },
-            experimental_features: units.map(|_| experimental()).unwrap_or_default(),
+            experimental_features: units.map(|_| trusted::matrices()).unwrap_or_default(),
             memory_hints: wgpu::MemoryHints::MemoryUsage,
             ..wgpu::DeviceDescriptor::default()
         };

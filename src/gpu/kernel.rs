@@ -1,6 +1,7 @@
 //! Pipelines, their dispatches, and a tape of dispatches that is recorded once.
 
 use super::device::{Device, Span};
+use super::trusted;
 
 /// A compiled kernel: parameters at binding 0, buffers from binding 1 on.
 #[derive(Clone, Debug)]
@@ -16,21 +17,6 @@ pub(crate) struct Step {
     grid: [u32; 3],
     /// Floating-point operations, roughly.
     work: f64,
-}
-
-/// Compiles a source without checks of indices, which would keep drivers from reading 16 bytes at
-/// once, and from unrolling loops.
-#[expect(unsafe_code, reason = "the driver trusts the source")]
-fn module(gpu: &Device, label: &str, text: &str) -> wgpu::ShaderModule {
-    let description = wgpu::ShaderModuleDescriptor {
-        label: Some(label),
-        source: wgpu::ShaderSource::Wgsl(text.into()),
-    };
-    let checks = wgpu::ShaderRuntimeChecks::unchecked();
-    // SAFETY: the sources are this crate's own. Their indices stay within the buffers, whose sizes
-    // come from the same configuration; the only indices that are data are bins, which `Filler`
-    // writes below their number. Loops end, and no divisor is 0.
-    unsafe { gpu.device.create_shader_module_trusted(description, checks) }
 }
 
 /// A kernel's whole source.
@@ -58,7 +44,7 @@ impl Kernel {
     /// factor of a product, `$H4$` for four of them.
     pub(crate) fn new(gpu: &Device, label: &str, source: &str, constants: &[(&str, f64)]) -> Self {
         let text = text(gpu.units().is_some(), source);
-        let module = module(gpu, label, &text);
+        let module = trusted::module(&gpu.device, label, &text);
         let pipeline = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some(label),
             layout: None,

@@ -29,6 +29,7 @@ mod slots;
 mod squares;
 #[cfg(test)]
 mod tests;
+mod trusted;
 mod units;
 
 pub use adapter::{Arithmetic, Card, Choice, Request, cards};
