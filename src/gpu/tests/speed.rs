@@ -31,7 +31,7 @@ fn clock(gpu: &Device, mut steps: impl FnMut() -> Vec<Step>) -> f64 {
 }
 
 #[test]
-#[ignore = "it takes a card"]
+#[ignore = "a benchmark that is run by hand on a graphics card"]
 fn speed() {
     let windows = std::env::var("WINDOWS").ok().and_then(|n| n.parse().ok()).unwrap_or(512);
     let (rows, d, heads) = (windows * 51, 768, 6);
