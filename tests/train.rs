@@ -361,6 +361,31 @@ fn a_sweep_trains_every_point_and_goes_on_where_it_was() {
 }
 
 #[test]
+fn a_sweep_with_evaluations_judges_the_best_model_of_each_run() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    collect(dir);
+    // Trained much too fast: the first evaluation is better than the last.
+    let of = |evaluations: u64| {
+        let hot = format!("evaluations = {evaluations}\n{SWEEP}")
+            .replace("suites = [\"test\"]", "suites = [\"manual\"]")
+            .replace("steps = 2", "steps = 6\nlr = 1.0")
+            .replace("seeds = [0, 1]", "seeds = [0]")
+            .replace("\"none\", ", "")
+            .replace("[0.0, 0.5]", "[0.0]");
+        std::fs::write(dir.join("hot.toml"), hot).unwrap();
+        let out = format!("with-{evaluations}");
+        let (code, stdout, stderr) = call(dir, &["sweep", "hot.toml", "--out", &out, "--json"]);
+        assert_eq!(code, 0, "{stderr}");
+        let report: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+        (report["rows"][0]["suites"]["manual"]["mean"].as_f64(), report)
+    };
+    let ((last, without), (best, with)) = (of(0), of(6));
+    assert!(best.unwrap() < last.unwrap_or(f64::INFINITY), "{best:?} {last:?}");
+    assert!(without["sweep"]["evaluations"].is_null() && with["sweep"]["evaluations"] == 6);
+}
+
+#[test]
 fn self_correction_adds_what_was_reached_and_survives_a_stop() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
@@ -491,6 +516,16 @@ fn a_graphics_card_trains_and_the_processor_goes_on() {
         ["eval", "--robot", "pointmass", "--suite", "manual", "-p", "pd", "--device", "gpu:9"];
     let (code, _, stderr) = with(at, software, &bad);
     assert!(code == Some(2) && stderr.contains("gpu:0"), "{stderr}");
+
+    // The points of a sweep train there as well, each in a process of its own.
+    let two = SWEEP.replace(", \"cl-uniform\"", "").replace("[0.0, 0.5]", "[0.0]");
+    std::fs::write(at.join("s.toml"), two).unwrap();
+    let args = ["sweep", "s.toml", "--out", "sweep", "--jobs", "2", "--device", "gpu", "-q"];
+    let (code, _, stderr) = with(at, software, &args);
+    assert_eq!(code, Some(0), "{stderr}");
+    let meta = at.join("sweep/points/corrupt-0_mask-none/seed-1/meta.json");
+    let meta = std::fs::read_to_string(meta).unwrap();
+    assert!(meta.contains(&card.name), "{meta}");
 
     // Resuming on the other device says that the last bits differ.
     for (run, device) in [("card", "cpu"), ("processor", "gpu")] {

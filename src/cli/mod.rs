@@ -12,6 +12,7 @@ mod collect;
 mod completions;
 mod dataset;
 mod dataset_plot;
+mod device;
 mod doctor;
 mod escape;
 mod eval;

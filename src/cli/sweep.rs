@@ -8,7 +8,7 @@ use super::bar::Bar;
 use super::failure::{Failure, Outcome};
 use super::global::Global;
 use super::interrupt::cancel_on_ctrl_c;
-use super::{motion, out, pool};
+use super::{device, motion, out, pool};
 use crate::exit::Exit;
 use crate::fsio;
 use crate::rollout::Interval;
@@ -19,7 +19,7 @@ use crate::units::Unit;
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert sweep assets/sweeps/masking.toml --data data/pointmass --out sweeps/masking\n  robert sweep my.toml --data data/ur5e --set steps=500 --out sweeps/my --json\n  robert sweep my.toml --data data/ur5e --out sweeps/my --jobs 4\n\nThe same command continues a stopped sweep. Each point is a run directory below OUT/points,\nwhich robert runs show can read."
+    after_help = "Examples:\n  robert sweep assets/sweeps/masking.toml --data data/pointmass --out sweeps/masking\n  robert sweep my.toml --data data/ur5e --set steps=500 --out sweeps/my --json\n  robert sweep my.toml --data data/ur5e --out sweeps/my --jobs 4\n  robert sweep my.toml --data data/ur5e --out sweeps/my --device gpu\n\nThe same command continues a stopped sweep. Each point is a run directory below OUT/points,\nwhich robert runs show can read."
 )]
 pub(super) struct Args {
     /// The file with the grid, its seeds and its suites.
@@ -40,6 +40,8 @@ pub(super) struct Args {
     /// Threads of a point [default: all cores, divided by --jobs]. They do not change the figures.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
     threads: Option<u16>,
+    #[command(flatten)]
+    on: device::On,
     /// Read the numbers of points from stdin and answer each with a line of JSON.
     #[arg(long, hide = true)]
     stdin: bool,
@@ -54,6 +56,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         return Err(Failure::usage("the file names no data: give --data DIR"));
     };
     let robot = motion::robot(&file.robot)?;
+    let request = args.on.request()?;
     let bar = Bar::new("sweep", "points", global.quiet);
     let cancel = cancel_on_ctrl_c();
     let work = Work {
@@ -64,6 +67,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
             usize::from,
         ),
         checkpoint_secs: 120.0,
+        engines: Some(&request),
         progress: &bar,
         cancel: &cancel,
         meta: serde_json::json!({
@@ -120,7 +124,9 @@ fn in_pool(args: &Args, points: &Points<'_>, work: &Work<'_>) -> Outcome {
     for assignment in &args.set {
         words.extend(["--set".to_owned(), assignment.clone()]);
     }
-    words.extend(["--threads".to_owned(), work.threads.to_string(), "--stdin".to_owned()]);
+    words.extend(["--threads".to_owned(), work.threads.to_string()]);
+    words.extend(args.on.words());
+    words.push("--stdin".to_owned());
     let workers =
         Pool { binary: std::env::current_exe()?, args: words, jobs: usize::from(args.jobs) };
     let found = workers.run(&left, work.progress, work.cancel)?;
@@ -154,8 +160,9 @@ fn table(file: &Sweep, rows: &[Row]) -> String {
     }
     out::right(&mut t, keys.len());
     format!(
-        "{}\n{t}\nPrecision of the last model by suite, rad or m (lower is better), mean ± 95 % interval over seeds",
-        file.title
+        "{}\n{t}\nPrecision of the {} model by suite, rad or m (lower is better), mean ± 95 % interval over seeds",
+        file.title,
+        if file.evaluations > 0 { "best" } else { "last" }
     )
 }
 

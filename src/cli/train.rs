@@ -9,10 +9,10 @@ use super::eval::AT_ONCE;
 use super::failure::{Failure, Outcome};
 use super::global::Global;
 use super::interrupt::cancel_on_ctrl_c;
-use super::{motion, out};
+use super::{device, motion, out};
 use crate::dataset::{Dataset, Verify};
 use crate::exit::Exit;
-use crate::gpu::{Arithmetic, Choice, GpuForwards, Request};
+use crate::gpu::GpuForwards;
 use crate::net::forward::Forwards;
 use crate::train::evaluator::SuiteEvaluator;
 use crate::train::hindsight::Simulated;
@@ -50,16 +50,8 @@ pub(super) struct Args {
     /// Threads [default: all cores]. They do not change the weights.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
     threads: Option<u16>,
-    /// The device that computes the steps: the processor, or a graphics card, whose rounding
-    /// differs. `auto` uses a card if there is one and continues on the processor if the card is
-    /// lost; `gpu:1` is the second card in `robert doctor`. ROBERT_GPU=software allows the software
-    /// driver.
-    #[arg(long, value_name = "auto|cpu|gpu[:N]", default_value_t = Choice::Cpu)]
-    device: Choice,
-    /// Let the card multiply 16-bit factors on its matrix units, with 32-bit sums: faster, and less
-    /// exact. When the run is resumed, give it again.
-    #[arg(long)]
-    half: bool,
+    #[command(flatten)]
+    on: device::On,
     /// Minutes between checkpoints.
     #[arg(long, default_value_t = 2.0)]
     checkpoint_mins: f64,
@@ -72,27 +64,18 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args, global: Global) -> Outcome {
-    if args.half && args.device == Choice::Cpu {
-        return Err(Failure::usage("--half is for graphics cards: add --device gpu"));
-    }
     let Plan { dir, cfg, robot: given, data } = plan(args)?;
     let robot = motion::robot(&given)?;
     let data = Dataset::open(&data, Verify::Full)?;
     data.must_be_of(&robot)?;
-    // A number that no card has is a mistake on the command line; a missing card is not.
-    if let Choice::Gpu(Some(number)) = args.device
-        && let Err(e @ crate::gpu::Error::Number { .. }) =
-            crate::gpu::adapter::choose(Some(number), crate::gpu::adapter::software_wanted())
-    {
-        return Err(e.into());
-    }
+    let request = args.on.request()?;
     let threads = super::global::threads(args.threads);
     let selecting = |e: SuiteEvaluator| e.selecting(cfg.select, &data, cfg.seed);
     let mut evaluator = SuiteEvaluator::new(Arc::clone(&robot), threads)
         .and_then(|e| e.map(selecting).transpose())
         .map_err(Failure::invalid)?;
     // If there is no card, the engine says so.
-    let device = args.device.forwards(AT_ONCE).ok().flatten().map(Arc::new);
+    let device = args.on.device.forwards(AT_ONCE).ok().flatten().map(Arc::new);
     if let Some(device) = &device {
         let forwards: Arc<dyn Forwards + Send> = Arc::<GpuForwards>::clone(device);
         evaluator = evaluator.map(|e| e.on(forwards, AT_ONCE));
@@ -100,8 +83,6 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let mut perform = Simulated { robot: Arc::clone(&robot), threads };
     let bar = Bar::new("train", "steps", global.quiet);
     let cancel = cancel_on_ctrl_c();
-    let arithmetic = if args.half { Arithmetic::Half } else { Arithmetic::Single };
-    let request = Request { choice: args.device, arithmetic };
     let options = Options {
         dir: dir.clone(),
         threads,

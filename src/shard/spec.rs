@@ -293,6 +293,7 @@ impl Train {
             x: self.x.clone(),
             suites: self.suites.clone(),
             cases: self.cases,
+            evaluations: self.evaluations,
         }
     }
 

@@ -83,6 +83,7 @@ pub(super) fn perform(
         out: run.to_owned(),
         threads: bench.threads,
         checkpoint_secs: bench.checkpoint_secs,
+        engines: None,
         progress: &Silent,
         cancel: &bench.cancel,
         meta: serde_json::Value::Null,
@@ -90,12 +91,12 @@ pub(super) fn perform(
     let (robot, suites) = (&bench.robot, suites.as_slice());
     let point = Point { sweep: &sweep, robot, values, seed, data: &data, suites, dir: run };
     let restored = checkpoints.restore(run);
-    let mut reached = reach(bench, &point, &work, spec.evaluations, checkpoints);
+    let mut reached = reach(bench, &point, &work, checkpoints);
     if restored && reached.is_err() {
         // A checkpoint that cannot be used must not block the shard for ever.
         std::fs::remove_dir_all(run).map_err(write_error(run))?;
         checkpoints.clear();
-        reached = reach(bench, &point, &work, spec.evaluations, checkpoints);
+        reached = reach(bench, &point, &work, checkpoints);
     }
     let Some(reached) = reached? else {
         return Err(Error::Stopped { index: 0 });
@@ -118,7 +119,6 @@ fn reach(
     bench: &Bench,
     point: &Point<'_>,
     work: &Work<'_>,
-    evaluations: u64,
     checkpoints: &Checkpoints,
 ) -> Result<Option<Reached>, Error> {
     let (every, dir) = (bench.checkpoint_secs, point.dir);
@@ -140,7 +140,7 @@ fn reach(
             }
             Ok(seen)
         });
-        let found = point.reach(work, evaluations);
+        let found = point.reach(work);
         ended.store(true, Ordering::Relaxed);
         let seen = watch.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
         (found, seen)

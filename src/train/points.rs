@@ -119,7 +119,7 @@ impl<'a> Points<'a> {
             }
         };
         let point = Point { sweep, robot, values, seed, data, suites, dir: &dir };
-        let Some(reached) = point.reach(self.work, 0)? else { return Ok(None) };
+        let Some(reached) = point.reach(self.work)? else { return Ok(None) };
         let text = json::pretty(&reached);
         fsio::write_atomic(&dir.join("result.json"), text.as_bytes())?;
         Ok(Some(reached))

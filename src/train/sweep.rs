@@ -19,6 +19,7 @@ use robert_base::fsio;
 use robert_base::progress::{Cancel, Progress, Silent};
 use robert_base::units::Unit;
 use robert_dataset::{self as dataset, Corruption, Dataset, Manifest, Verify};
+use robert_net::engine::Engines;
 use robert_plot::{self as plot, Axis, Curve, Figure};
 use robert_robot::{PlantRange, Robot};
 use robert_rollout::{
@@ -105,13 +106,23 @@ pub struct Sweep {
     pub seeds: Vec<u64>,
     /// Setting on the x axis of the charts; must be in the grid.
     pub x: String,
-    /// Suites that the last model of each point performs: shipped ones, and `test` (extracted from
+    /// Suites that the model of each point performs: shipped ones, and `test` (extracted from
     /// held-out trajectories: unmasked, a quarter and half of the frames hidden).
     #[serde(default = "default_suites")]
     pub suites: Vec<String>,
     /// Tasks per suite extracted from data.
     #[serde(default = "default_cases")]
     pub cases: usize,
+    /// Evaluations by rollout during each run, of which the best model counts; with 0 the last does,
+    /// because evaluations take longer than small points.
+    #[serde(default, skip_serializing_if = "none")]
+    pub evaluations: u64,
+}
+
+/// Results of sweeps without evaluations do not mention them.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn none(evaluations: &u64) -> bool {
+    *evaluations == 0
 }
 
 fn default_suites() -> Vec<String> {
@@ -335,6 +346,8 @@ pub struct Work<'a> {
     pub threads: usize,
     /// Seconds between checkpoints.
     pub checkpoint_secs: f64,
+    /// Opens the engine that computes the steps; without it the processor does.
+    pub engines: Option<&'a dyn Engines>,
     /// Receives the progress, in points.
     pub progress: &'a dyn Progress,
     /// Asks for a stop; finished points are kept.
@@ -378,14 +391,13 @@ pub struct Point<'a> {
 }
 
 impl Point<'_> {
-    /// Trains, or continues, and evaluates; `None` if a stop was requested. With `evaluations`,
-    /// the best model is chosen by so many rollouts during the run; without, only the last model
-    /// is kept, because evaluations would take longer than small points.
+    /// Trains, or continues, and evaluates; `None` if a stop was requested.
     ///
     /// # Errors
     /// Those of training and of the evaluation.
-    pub fn reach(&self, work: &Work<'_>, evaluations: u64) -> Result<Option<Reached>, Error> {
+    pub fn reach(&self, work: &Work<'_>) -> Result<Option<Reached>, Error> {
         let Point { sweep, robot, values, seed, data, suites, dir } = *self;
+        let evaluations = sweep.evaluations;
         let cfg = sweep.config(values, seed)?;
         let mut perform = Simulated { robot: Arc::clone(robot), threads: work.threads };
         let mut evaluator = None;
@@ -404,7 +416,7 @@ impl Point<'_> {
             cancel: work.cancel,
             evaluator: evaluator.as_mut().map(|e| e as &mut dyn Evaluate),
             perform: Some(&mut perform),
-            engines: None,
+            engines: work.engines,
             meta: work.meta.clone(),
         };
         let done = match train(data, &cfg, options) {
@@ -456,14 +468,15 @@ pub fn suites_of(sweep: &Sweep, robot: &Arc<Robot>, data: &Dataset) -> Result<Ve
     Ok(suites)
 }
 
-/// The last model of a point on all suites.
+/// The model of a point on all suites: the best of its evaluations if there were any, else the last.
 fn perform_suites(
     robot: &Arc<Robot>,
     dir: &Path,
     suites: &[Suite],
     work: &Work<'_>,
 ) -> Result<BTreeMap<String, Option<f64>>, Error> {
-    let model_path = Some(paths::model(dir));
+    let best = Some(paths::best(dir)).filter(|best| best.is_file());
+    let model_path = best.or_else(|| Some(paths::model(dir)));
     let config = EvalConfig {
         policies: vec![PolicyConfig { model_path, ..PolicyConfig::new(PolicyName::Robert) }],
         plant: PlantRange::default(),
