@@ -5,9 +5,10 @@ use std::path::Path;
 use std::sync::Arc;
 
 use robert::mujoco::{Data, Kind, Model};
+use robert::robot::import::{ImportConfig, mark, mark_in};
 use robert::robot::{Coupling, Robot};
 
-use crate::run::{Ran, robert};
+use crate::run::{Ran, binary, call, robert};
 
 /// A tetrahedron as binary STL, and as Wavefront OBJ.
 fn tetrahedron_stl() -> Vec<u8> {
@@ -374,6 +375,30 @@ fn slides_of_servos_end_where_the_servo_does() {
     ]);
     let ran = ran.succeeds();
     assert!(Robot::from_folder(&ran.path("bot")).unwrap().joints()[0].unbounded);
+}
+
+#[test]
+fn new_goes_on_only_with_the_model_that_the_folder_was_made_from() {
+    let ran = robert().file("m.xml", CART).args(["import", "m.xml", "--out", "bot"]).succeeds();
+    let dir = ran.dir.path();
+    // Whether the model of these options is the folder's.
+    let same = |change: fn(&mut ImportConfig)| {
+        let mut config = ImportConfig::new(dir.join("m.xml"), dir.join("bot"), binary());
+        change(&mut config);
+        mark_in(&dir.join("bot")).unwrap() == Some(mark(&config).unwrap())
+    };
+    assert!(same(|_| ()));
+    assert!(!same(|c| c.effort = Some(3.0)));
+    let refused = |file: &str, more: &[&str]| {
+        let (code, _, stderr) = call(dir, &[&["new", file, "--out", "bot"], more].concat());
+        assert_eq!(code, 3, "{stderr}");
+        stderr
+    };
+    assert!(refused("m.xml", &["--fixed-base"]).contains("robert new bot --out bot"));
+    assert!(refused("gone.xml", &[]).contains("gone.xml"));
+    std::fs::write(dir.join("m.xml"), CART.replace("armature", "damping=\".2\" armature")).unwrap();
+    assert!(refused("m.xml", &[]).contains("another model"));
+    assert!(!same(|_| ()));
 }
 
 #[test]

@@ -24,7 +24,7 @@ use crate::explore::{CollectConfig, collect};
 use crate::fsio;
 use crate::net::checkpoint;
 use crate::progress::{Cancel, Silent};
-use crate::robot::import::import;
+use crate::robot::import::{import, mark, mark_in};
 use crate::robot::{PROFILE_FILE, PlantRange, Robot};
 use crate::rollout::{
     Case, EvalConfig, Evaluation, PolicyConfig, PolicyName, Start, Suite, evaluate, model_path,
@@ -127,6 +127,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let places = Places::of(&args.out);
 
     if args.out.join(PROFILE_FILE).is_file() {
+        same_source(args)?;
         say(&format!("1 import: {} is there", args.out.display()));
     } else {
         say(&format!("1 import: {} to {}", args.file.display(), args.out.display()));
@@ -153,6 +154,9 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let resume = places.data.exists();
     let collected = collect(&robot, &config, &places.data, resume, threads, &bar, &cancel);
     bar.finish();
+    if collected.is_err() {
+        go_on(&cancel)?;
+    }
     collected?;
     let data = Dataset::open(&places.data, Verify::Full)?;
 
@@ -203,6 +207,25 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let kept = nearest(&choice, &[learned, "pd"]);
     keep(kept, learned, &places, &args.out)?;
     report(args, &robot, &found, kept, instant_secs, since())
+}
+
+/// Refuses to go on in the folder of another model, or of one that was imported with other options.
+fn same_source(args: &Args) -> Outcome {
+    let real = |path: &Path| path.canonicalize().ok();
+    // The folder itself stands for what is in it.
+    if args.file.is_dir() && real(&args.file) == real(&args.out) {
+        return Ok(());
+    }
+    let asked = mark(&args.model.plan(&args.file, &args.out)?)?;
+    match mark_in(&args.out)? {
+        Some(there) if there != asked => {
+            let (file, out) = (args.file.display(), args.out.display());
+            Err(Failure::invalid(format!(
+                "{out} was made from another model than {file}, or with other options: choose another --out, or go on with the robot that is there by `robert new {out} --out {out}`"
+            )))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// The one of these policies with the smallest error on the trial clips of all seeds; of several

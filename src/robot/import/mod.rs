@@ -34,11 +34,13 @@ pub use config::{Drives, ImportConfig, Report, Servos};
 use super::pace::{self, Pace};
 use super::{Assets, Error, MODEL_FILE, PROFILE_FILE, Robot, check, derive, preparse, profile};
 use draft::Draft;
-use robert_base::fsio;
+use robert_base::{fsio, limits};
 use robert_mujoco::Model;
 
 /// Speed limit of a joint that its motors do not move, rad/s or m/s.
 const SLOW: f64 = 0.1;
+/// The report of an import, in the robot's folder.
+const REPORT_FILE: &str = "import.json";
 
 /// Imports a model.
 ///
@@ -66,6 +68,7 @@ pub fn import(config: &ImportConfig) -> Result<Report, Error> {
         ));
     }
     let (project, mut draft) = drafted(config)?;
+    let source_sha256 = mark_of(&project, &draft, config);
     let parent = absolute(out).parent().map_or_else(|| PathBuf::from("."), Path::to_owned);
     let write =
         |e: std::io::Error| Error::File(fsio::Error::Write { source: e, path: out.clone() });
@@ -85,6 +88,7 @@ pub fn import(config: &ImportConfig) -> Result<Report, Error> {
         id,
         folder: out.clone(),
         format: if project.format == preparse::Format::Urdf { "urdf" } else { "mjcf" }.into(),
+        source_sha256,
         state_dim: robot.state_dim(),
         action_dim: robot.action_dim(),
         bodies: model.nbody() - 1,
@@ -97,9 +101,50 @@ pub fn import(config: &ImportConfig) -> Result<Report, Error> {
     };
     let json = serde_json::to_vec_pretty(&report)
         .map_err(|e| unfit(format!("the report cannot be written: {e}"), out))?;
-    fsio::write_atomic(&temp.path().join("import.json"), &json)?;
+    fsio::write_atomic(&temp.path().join(REPORT_FILE), &json)?;
     publish(temp, out).map_err(write)?;
     Ok(report)
+}
+
+/// Sha-256 of everything that the result of an import depends on: the source with its includes, its
+/// meshes, and the options.
+///
+/// # Errors
+/// As [`import`], unless they come from the simulator.
+pub fn mark(config: &ImportConfig) -> Result<String, Error> {
+    let (project, draft) = drafted(config)?;
+    Ok(mark_of(&project, &draft, config))
+}
+
+fn mark_of(project: &preparse::Project, draft: &Draft, config: &ImportConfig) -> String {
+    let ImportConfig { fixed_base, base_height_m, effort, weld, without, servos, drives, .. } =
+        config;
+    let options = format!(
+        "{fixed_base} {base_height_m:?} {effort:?} {weld:?} {without:?} {servos:?} {drives:?}"
+    );
+    let mut parts = vec![options, fsio::sha256_hex(project.xml.as_bytes())];
+    for (name, bytes) in &draft.assets {
+        parts.push(format!("{name} {}", fsio::sha256_hex(bytes)));
+    }
+    fsio::sha256_hex(parts.join("\n").as_bytes())
+}
+
+/// The [`mark`] of the import that made a robot's folder; `None` if an older version made it, or
+/// no import did.
+///
+/// # Errors
+/// [`Error::File`] for a report that cannot be read.
+pub fn mark_in(folder: &Path) -> Result<Option<String>, Error> {
+    let path = folder.join(REPORT_FILE);
+    if !path.is_file() {
+        return Ok(None);
+    }
+    let bytes = fsio::read_capped(&path, limits::MODEL_BYTES)?;
+    let report: Report = serde_json::from_slice(&bytes).map_err(|e| Error::Unfit {
+        message: format!("not a report of robert import: {e}"),
+        path,
+    })?;
+    Ok(Some(report.source_sha256).filter(|mark| !mark.is_empty()))
 }
 
 /// The first step of an import: the model as an MJCF with plain file names, before it is compiled.
