@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use robert::mujoco::{Data, Kind, Model, Warnings};
 use robert::rng::{Rng, Stream};
-use robert::robot::{Coupling, Drive, Robot, derive};
+use robert::robot::{Coupling, Drive, Gravity, Robot, derive};
 use robert::units::{CTRL_DT, SIM_DT, SUBSTEPS};
 
-use crate::run::robert;
+use crate::run::{call, robert};
 
 fn builtin(id: &str) -> Robot {
     Robot::builtin(id).unwrap()
@@ -299,4 +299,69 @@ fn a_folder_is_a_robot_and_its_mistakes_have_places() {
     wrong(&format!("{head}model = \"../robot.xml\""), "must be a file of this folder");
     wrong(&format!("{head}[physics.damping]\nk = 1.0"), "\"k\"");
     wrong(&format!("{head}[mirror]\n"), "mirror needs a table");
+}
+
+/// Two cranks and two rods that meet in one point; a motor on each crank.
+const LINKAGE: &str = r#"<mujoco><compiler angle="radian" autolimits="true"/>
+  <default><joint axis="0 1 0" damping=".2" armature=".01"/>
+    <geom type="capsule" size=".012" contype="0" conaffinity="0" density="1500"/></default>
+  <worldbody>
+    <body pos="-.1 0 .5"><joint name="a" range="-1 1"/><geom fromto="0 0 0 -.15 0 -.2"/>
+      <body name="left" pos="-.15 0 -.2"><joint name="b" range="-2 2"/><geom fromto="0 0 0 .25 0 -.25"/></body></body>
+    <body pos=".1 0 .5"><joint name="c" range="-1 1"/><geom fromto="0 0 0 .15 0 -.2"/>
+      <body name="right" pos=".15 0 -.2"><joint name="d" range="-2 2"/><geom fromto="0 0 0 -.25 0 -.25"/></body></body>
+  </worldbody>
+  <equality><connect body1="left" body2="right" anchor=".25 0 -.25"/></equality>
+  <actuator><motor joint="a" ctrlrange="-8 8"/><motor joint="c" ctrlrange="-8 8"/></actuator>
+</mujoco>"#;
+
+#[test]
+fn the_motors_of_a_linkage_carry_the_rods_without_motors() {
+    let ran = robert().file("m.xml", LINKAGE).args(["import", "m.xml", "--out", "bot"]).succeeds();
+    let robot = Arc::new(Robot::from_folder(&ran.path("bot")).unwrap());
+    let home = robot.home();
+    let mut data = Data::new(robot.model()).unwrap();
+    robot.write_state(&mut data, &home).unwrap();
+    let held = Gravity::of(&robot).unwrap().unwrap().at(data.qpos()).unwrap().to_vec();
+    let of = |name: &str| held[robot.joints()[robot.joint_index(name).unwrap()].dofadr];
+    assert!(of("b") == 0.0 && of("d") == 0.0, "nothing acts on the rods: {held:?}");
+    assert!((of("a") + of("c")).abs() < 1e-6, "the robot is its own mirror image: {held:?}");
+    assert!(of("a").abs() > 0.1, "{held:?}");
+    let before = robot.state(&data);
+    data.set_qfrc_applied(&held).unwrap();
+    data.step(200).unwrap();
+    let moved = robot.state(&data).into_iter().zip(&before).map(|(a, b)| (a - b).abs());
+    assert!(moved.fold(0.0, f64::max) < 2e-3, "the constraint itself is soft");
+    assert!(robot.settle(&home).unwrap().within);
+
+    // It stands still, whatever law holds it.
+    let key = r#"{"format": "robert-clip/1", "fps": 20, "length": 41, "robot": {"id": "bot",
+        "joints": ["a", "b", "c", "d"], "units": ["rad", "rad", "rad", "rad"]},
+        "keys": [{"frame": 0, "hold": 41, "q": [0, 0, 0, 0]}]}"#;
+    std::fs::write(ran.path("still.clip.json"), key).unwrap();
+    for policy in ["pd", "computed-torque"] {
+        let args = ["rollout", "still.clip.json", "--robot", "bot", "--policy", policy, "--json"];
+        let (code, stdout, stderr) = call(ran.dir.path(), &args);
+        assert_eq!(code, 0, "{stderr}");
+        let report: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+        assert!(report["precision"].as_f64().unwrap() < 1e-3, "{policy}: {stdout}");
+    }
+}
+
+/// An arm on a servo that its damping lets swing for long.
+const SWINGING: &str = r#"<mujoco><compiler angle="radian" autolimits="true"/>
+  <worldbody><body><joint name="a" axis="0 0 1" range="-2 2" damping=".5" armature=".05"/>
+    <geom type="capsule" fromto="0 0 0 .8 0 0" size=".03" mass="4"/></body></worldbody>
+  <actuator><position joint="a" kp="300" ctrlrange="-2 2" forcerange="-60 60"/></actuator>
+</mujoco>"#;
+
+#[test]
+fn a_servo_that_swings_settles_where_it_is_sent() {
+    let ran = robert()
+        .file("m.xml", SWINGING)
+        .args(["import", "m.xml", "--drives", "file", "--out", "bot"])
+        .succeeds();
+    let robot = Robot::from_folder(&ran.path("bot")).unwrap();
+    let settled = robot.settle(&[-0.8]).unwrap();
+    assert!(settled.worst < 1e-3 && settled.speed < 1e-2, "{settled:?}");
 }

@@ -366,6 +366,16 @@ impl Data {
         unsafe { slice(self.get().actuator_moment, self.model.nu() * self.model.nv()) }
     }
 
+    /// Jacobian of the equality constraints at the last forward pass; (n, nv), with a row for each
+    /// number that they hold at zero. The model must have dense Jacobians
+    /// ([`Model::set_dense_jacobians`]).
+    pub fn equality_jacobian(&self) -> &[f64] {
+        assert!(self.model.has_dense_jacobians(), "the rows would not have nv numbers");
+        let d = self.get();
+        // SAFETY: the engine keeps `nefc` dense rows of length nv, those of the equalities first.
+        unsafe { slice(d.efc_J, size(d.ne) * self.model.nv()) }
+    }
+
     /// Jacobian of a site: translation `jacp` and rotation `jacr`, each (3, nv).
     ///
     /// # Errors

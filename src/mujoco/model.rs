@@ -104,6 +104,9 @@ macro_rules! sizes {
     };
 }
 
+/// `mjJAC_DENSE`.
+const DENSE: i32 = 0;
+
 sizes! {
     /// Generalised coordinates.
     nq;
@@ -398,6 +401,23 @@ impl Model {
     /// Whether contacts are on.
     pub fn contacts(&self) -> bool {
         self.get().opt.disableflags & mj::mjDSBL_CONTACT as i32 == 0
+    }
+
+    /// Switches equality constraints on or off (`mjDSBL_EQUALITY`).
+    pub fn set_equalities(&mut self, on: bool) {
+        let bit = mj::mjDSBL_EQUALITY as i32;
+        let flags = &mut self.get_mut().opt.disableflags;
+        *flags = if on { *flags & !bit } else { *flags | bit };
+    }
+
+    /// Lets the engine store the Jacobians of constraints as dense rows, whatever their size.
+    pub fn set_dense_jacobians(&mut self) {
+        self.get_mut().opt.jacobian = DENSE;
+    }
+
+    /// Whether [`Model::set_dense_jacobians`] was called, or the file says so.
+    pub fn has_dense_jacobians(&self) -> bool {
+        self.get().opt.jacobian == DENSE
     }
 
     /// Coordinates of the home keys; (nkey, nq).

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::{Error, Robot};
+use super::{Error, Loops, Robot};
 use robert_mujoco::Data;
 
 /// The torque that compensates the robot's weight.
@@ -11,6 +11,8 @@ pub struct Gravity {
     /// The nominal model without contacts.
     data: Data,
     force: Vec<f64>,
+    /// What transmits the weight of joints without actuators, if anything does.
+    loops: Option<Loops>,
 }
 
 impl Gravity {
@@ -28,10 +30,11 @@ impl Gravity {
         model.set_contacts(false);
         let data = Data::new(&Arc::new(model))?;
         let force = vec![0.0; robot.model().nv()];
-        Ok(Some(Gravity { data, force }))
+        Ok(Some(Gravity { data, force, loops: Loops::of(robot)? }))
     }
 
-    /// Joint forces that hold this pose still, N m or N; (nv). `qpos` is (nq).
+    /// Joint forces that hold this pose still, N m or N; (nv). `qpos` is (nq). In a robot with
+    /// equality constraints they are those of the actuators alone.
     ///
     /// # Errors
     /// [`Error::Simulator`].
@@ -40,6 +43,9 @@ impl Gravity {
         self.data.forward()?;
         let forces = self.data.qfrc_bias().iter().zip(self.data.qfrc_passive());
         self.force.iter_mut().zip(forces).for_each(|(to, (bias, passive))| *to = bias - passive);
+        if let Some(loops) = &mut self.loops {
+            loops.transmit(qpos, &mut self.force)?;
+        }
         Ok(&self.force)
     }
 }

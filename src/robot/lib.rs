@@ -27,6 +27,7 @@ pub mod import;
 mod keys;
 mod kinematics;
 mod law;
+mod loops;
 mod mesh;
 mod mirror;
 mod pace;
@@ -45,6 +46,7 @@ pub use derive::derive;
 pub use error::Error;
 pub use gravity::Gravity;
 pub use law::Law;
+pub use loops::Loops;
 pub use plant::{PlantConfig, PlantRange};
 pub use position_servo::PositionServo;
 pub use profile::{

@@ -7,7 +7,7 @@
 //! joints. A stiff hold at 20 Hz would ring on the
 //! finger joints, whose time constant is 6 ms.
 
-use super::{Error, Law, Robot};
+use super::{Error, Law, Loops, Robot};
 use robert_base::units::{CTRL_DT, SUBSTEPS};
 use robert_mujoco::{Data, Model};
 
@@ -50,10 +50,10 @@ impl Robot {
         let mut data = Data::new(self.model())?;
         self.write_state(&mut data, start)?;
         data.forward()?;
-        let mut drive = Drive::new(self, start, target);
+        let mut drive = Drive::new(self, start, target)?;
         let steps = self.profile().settle.frames as usize * SUBSTEPS;
         for _ in 0..steps {
-            let ctrl = drive.ctrl(self, &data);
+            let ctrl = drive.ctrl(self, &data)?;
             data.set_ctrl(&ctrl)?;
             data.step(1)?;
         }
@@ -91,10 +91,11 @@ struct Drive {
     /// places as its control.
     laws: Vec<Option<Law>>,
     limit: Vec<[f64; 2]>,
+    loops: Option<Loops>,
 }
 
 impl Drive {
-    fn new(robot: &Robot, start: &[f64], target: &[f64]) -> Drive {
+    fn new(robot: &Robot, start: &[f64], target: &[f64]) -> Result<Drive, Error> {
         let laws = robot.actuators().iter().map(|a| a.law).collect();
         let limit = robot.actuators().iter().map(|a| a.ctrlrange).collect();
         let half = 0.5 * f64::from(robot.profile().settle.frames) * CTRL_DT;
@@ -103,51 +104,56 @@ impl Drive {
             .zip(robot.joints())
             .map(|(way, joint)| joint.speed_limit.max(way / half) * robot.model().timestep())
             .collect();
-        Drive { target: target.to_vec(), place: start.to_vec(), pace, laws, limit }
+        let loops = Loops::of(robot)?;
+        Ok(Drive { target: target.to_vec(), place: start.to_vec(), pace, laws, limit, loops })
     }
 
     /// The controls whose joint forces are nearest (least squares) to the wanted ones. A position
     /// servo is commanded to the length that it has at the joints' places on the way, corrected for
     /// the deflection by its load.
-    fn ctrl(&mut self, robot: &Robot, data: &Data) -> Vec<f64> {
+    fn ctrl(&mut self, robot: &Robot, data: &Data) -> Result<Vec<f64>, Error> {
         let model: &Model = robot.model();
         let (nu, nv) = (model.nu(), model.nv());
         let settle = &robot.profile().settle;
-        let load = DVector::from_column_slice(data.qfrc_bias());
-        let mut wanted = load.clone();
+        let mut load = DVector::from_column_slice(data.qfrc_bias());
+        // What is wanted beside the load, and what slows a servo down that would swing.
+        let (mut pull, mut brake) = (DVector::zeros(nv), DVector::zeros(nv));
         let mut ahead = DVector::zeros(nv);
         let speed = DVector::from_column_slice(data.qvel());
         for (i, joint) in robot.joints().iter().enumerate() {
-            let e = self.target[i] - data.qpos()[joint.qposadr];
+            let (q, v) = (data.qpos()[joint.qposadr], data.qvel()[joint.dofadr]);
             let most = self.pace[i];
             self.place[i] += (self.target[i] - self.place[i]).clamp(-most, most);
-            ahead[joint.dofadr] = self.place[i] - data.qpos()[joint.qposadr];
-            wanted[joint.dofadr] += settle.kp[i] * e - settle.kd[i] * data.qvel()[joint.dofadr];
+            ahead[joint.dofadr] = self.place[i] - q;
+            brake[joint.dofadr] = -settle.kd[i] * v;
+            pull[joint.dofadr] = settle.kp[i] * (self.target[i] - q) + brake[joint.dofadr];
+        }
+        if let Some(loops) = &mut self.loops {
+            for torque in [&mut load, &mut pull, &mut brake] {
+                loops.transmit(data.qpos(), torque.as_mut_slice())?;
+            }
         }
         let moment = DMatrix::from_row_slice(nu, nv, data.actuator_moment());
         let gram = &moment * moment.transpose() + DMatrix::identity(nu, nu) * 1e-12;
         let factor = gram.cholesky();
         // Without a factor (moments that are not finite) no force is asked for.
         let forces = |joint: &DVector<f64>| factor.as_ref().map(|c| c.solve(&(&moment * joint)));
-        let (force, carried) = (forces(&wanted), forces(&load));
+        let (force, held) = (forces(&(&load + pull)), forces(&(load + brake)));
         let (length, speed) = (&moment * &ahead, &moment * &speed);
-        (0..nu)
-            .map(|a| {
-                let of = |f: &Option<DVector<f64>>| f.as_ref().map_or(0.0, |f| f[a]);
-                let at = data.actuator_length()[a] + length[a];
-                let raw = match self.laws[a] {
-                    None => at,
-                    Some(Law { gain, bias: [b0, b1, _] }) if b1 < 0.0 => {
-                        (of(&carried) - b1 * at - b0) / gain
-                    }
-                    Some(Law { gain, bias: [b0, _, b2] }) => {
-                        (of(&force) - b0 - b2 * speed[a]) / gain
-                    }
-                };
-                let [lo, hi] = self.limit[a];
-                raw.clamp(lo, hi)
-            })
-            .collect()
+        let one = |a: usize| {
+            let of = |f: &Option<DVector<f64>>| f.as_ref().map_or(0.0, |f| f[a]);
+            let at = data.actuator_length()[a] + length[a];
+            let raw = match self.laws[a] {
+                None => at,
+                Some(Law { gain, bias: [b0, b1, _] }) if b1 < 0.0 => {
+                    (of(&held) - b1 * at - b0) / gain
+                }
+                Some(Law { gain, bias: [b0, _, b2] }) => (of(&force) - b0 - b2 * speed[a]) / gain,
+            };
+            let [lo, hi] = self.limit[a];
+            raw.clamp(lo, hi)
+        };
+        Ok((0..nu).map(one).collect())
     }
 }
 

@@ -24,7 +24,7 @@ use super::nominal_model::NominalModel;
 use super::policy::{Policy, View};
 use robert_base::units::CTRL_DT;
 use robert_mujoco::{Data, Model};
-use robert_robot::{Response, Robot};
+use robert_robot::{Loops, Response, Robot};
 
 /// Sampling zeros with a magnitude beyond this ring visibly before they decay. The formula is that
 /// of continuous time. With ten substeps per frame the ringing is weaker (pointmass: 0.85 by the
@@ -43,6 +43,8 @@ pub(super) struct ComputedTorque {
     law: Law,
     mass: Vec<f64>,
     torque: Vec<f64>,
+    /// What transmits the torque of joints without actuators, if anything does.
+    loops: Option<Loops>,
 }
 
 /// qacc = way (r - q) + speed v.
@@ -103,7 +105,13 @@ impl ComputedTorque {
     /// # Errors
     /// As [`ComputedTorque::new`].
     pub(super) fn on(robot: &Arc<Robot>, model: &Model) -> Result<ComputedTorque, Error> {
-        let mut nominal = NominalModel::without_contacts(robot, model)?;
+        let loops = Loops::on(model)?;
+        // The wanted accelerations of a loop's joints do not fit together exactly, and a constraint
+        // would answer with forces without bound.
+        let mut free = model.duplicate()?;
+        free.set_contacts(false);
+        free.set_equalities(false);
+        let mut nominal = NominalModel::on(robot, &Arc::new(free))?;
         robot.write_state(&mut nominal.data, &robot.home())?;
         let actuation = Actuation::new(robot, &mut nominal.data)?;
         let nv = robot.model().nv();
@@ -111,7 +119,7 @@ impl ComputedTorque {
         nominal.data.forward()?;
         let zero = Law { way: DMatrix::zeros(nv, nv), speed: DMatrix::zeros(nv, nv) };
         let law = law_here(&mut nominal.data, &mut mass, nominal.substeps)?.unwrap_or(zero);
-        Ok(ComputedTorque { nominal, actuation, law, mass, torque: vec![0.0; nv] })
+        Ok(ComputedTorque { nominal, actuation, law, mass, torque: vec![0.0; nv], loops })
     }
 }
 
@@ -152,6 +160,9 @@ impl Policy for ComputedTorque {
         data.set_qacc(qacc.as_slice())?;
         data.inverse()?;
         self.torque.copy_from_slice(data.qfrc_inverse());
+        if let Some(loops) = &mut self.loops {
+            loops.transmit(&view.state.qpos, &mut self.torque)?;
+        }
         self.actuation.action(&self.torque, &view.state.qpos, &view.state.qvel, action);
         Ok(())
     }

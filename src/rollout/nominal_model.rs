@@ -27,16 +27,6 @@ impl NominalModel {
         NominalModel::on(robot, robot.model())
     }
 
-    /// A model of the robot without contacts.
-    ///
-    /// # Errors
-    /// As [`NominalModel::new`].
-    pub fn without_contacts(robot: &Arc<Robot>, model: &Model) -> Result<NominalModel, Error> {
-        let mut model = model.duplicate()?;
-        model.set_contacts(false);
-        NominalModel::on(robot, &Arc::new(model))
-    }
-
     /// A simulation of a model of the robot.
     ///
     /// # Errors
