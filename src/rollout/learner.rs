@@ -76,6 +76,8 @@ pub(super) struct Learner {
     strict: usize,
     /// The smallest error of the motions from which the contenders learned. What is kept is better.
     first: f64,
+    /// The largest penalty of these motions for unnatural motion in gaps.
+    natural: f64,
     detours: Option<Detours>,
     attempts: Vec<Attempt>,
     spare: Vec<Rollout>,
@@ -94,9 +96,12 @@ impl Learner {
     /// racer.
     pub(super) fn new(racers: Vec<Repeats>, threads: usize) -> Option<Learner> {
         let first = racers.iter().map(|r| r.least).fold(f64::INFINITY, f64::min);
+        let natural = racers.iter().map(|r| r.gaps).fold(0.0, f64::max);
+        let natural = natural.max(std::env::var("NAT").map_or(0.0, |x| x.parse().unwrap()));
         (!racers.is_empty()).then(|| Learner {
             racers,
             first,
+            natural,
             budget: 0,
             planned: None,
             floor: None,
@@ -238,7 +243,7 @@ impl Learner {
             }
             Ok(None) => {
                 let shift = planned.go_on(lead.trial.reached()).to_vec();
-                if unnatural(&lead.trial) <= lead.gaps {
+                if unnatural(&lead.trial) <= self.natural {
                     lead.keep_trial();
                 }
                 planned.passes < planned::PASSES && lead.trial.correct(&shift).is_ok()
@@ -345,7 +350,7 @@ impl Learner {
 
     /// Goes on from the best of the tries, if one is better.
     fn adopt_best(&mut self) {
-        let (least, gaps) = (self.lead().least, self.lead().gaps);
+        let (least, gaps) = (self.lead().least, self.natural);
         let judge = self.lead().judge();
         let score = |a: &Attempt| a.rollout.is_done().then(|| judge.score(&a.rollout)).flatten();
         let scores = self.attempts.iter().enumerate().filter_map(|(at, a)| Some((at, score(a)?)));

@@ -94,6 +94,60 @@ fn limits_speeds_and_couplings() {
 }
 
 #[test]
+fn a_clip_in_degrees_is_read_as_a_whole() {
+    let mut c = clip(vec![
+        Key::new(0, &[0.0; 3]).held(20),
+        // Alone this pose would be clamped.
+        Key::new(39, &[0.0, 0.0, 20.0]),
+        Key::new(59, &[30.0, 30.0, 20.0]),
+    ]);
+    c.start = Some(Start::Q(vec![0.0, 0.0, 9.0]));
+    let lints: Vec<_> = found(&c).into_iter().filter(|l| l.rule == Rule::JointLimit).collect();
+    assert_eq!(lints.len(), 3);
+    for lint in &lints {
+        assert!(lint.message.contains("are these degrees?"), "{}", lint.message);
+        assert_eq!(lint.fixes[0].title, "Read 3 poses as degrees");
+        let next = edited(&c, &lint.fixes[0].op, Some(&table())).unwrap();
+        assert!(!rules(&next).contains(&Rule::JointLimit));
+        let third = |k: usize| compile(&next).unwrap().row([39, 59][k])[2];
+        assert_eq!([third(0), third(1)], [0.349_066, 0.349_066]);
+        assert_eq!(next.start, Some(Start::Q(vec![0.0, 0.0, 0.157_08])));
+    }
+    // A pose that is possible as it is stays.
+    let c = clip(vec![Key::new(0, &[0.0, 0.0, 1.5]), Key::new(39, &[30.0, 30.0, 20.0])]);
+    let lints = fixes(&c, Rule::JointLimit);
+    assert_eq!(lints[0].fixes[0].title, "Read the pose as degrees");
+    // One large value alone is a mistake of another kind.
+    let c = clip(vec![Key::new(0, &[0.0, 0.0, 90.0])]);
+    assert!(fixes(&c, Rule::JointLimit)[0].fixes[0].title.starts_with("Clamp"));
+}
+
+#[test]
+fn the_way_from_the_start_to_the_first_key_is_as_slow_as_any() {
+    let mut c = clip(vec![Key::new(8, &[0.0, 0.0, 1.5]).held(52)]);
+    assert_eq!(rules(&c), [], "without a start it begins at the first key");
+    c.start = Some(Start::Q(vec![0.0; 3]));
+    let lints = fixes(&c, Rule::JointSpeed);
+    assert_eq!(
+        (lints[0].frames, lints[0].joints.as_slice()),
+        (Some([0, 9]), &["J3".to_owned()][..])
+    );
+    assert_eq!(lints[0].fixes[0].title, "Allow 7 more frames before frame 8");
+}
+
+#[test]
+fn keys_on_the_way_leave_free_joints_free() {
+    let free = |frame, x| Key::with(frame, Goal::Q(vec![None, None, Some(x)]));
+    let c = clip(vec![Key::new(0, &[0.0; 3]), free(41, 0.5), free(59, 0.5)]);
+    let lints = fixes(&c, Rule::BlindSpan);
+    let next = edited(&c, &lints[0].fixes[0].op, Some(&table())).unwrap();
+    for frame in [20, 40] {
+        let Goal::Q(row) = &next.key(frame).unwrap().goal else { panic!("a pose") };
+        assert!(matches!(row[..], [None, None, Some(_)]), "{row:?}");
+    }
+}
+
+#[test]
 fn blind_spans_are_found_and_fixed() {
     let c = clip(vec![Key::new(0, &[0.0; 3]), Key::new(21, &[0.1; 3]).held(39)]);
     let lints = fixes(&c, Rule::BlindSpan);

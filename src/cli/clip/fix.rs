@@ -6,7 +6,9 @@ use serde::Serialize;
 
 use super::super::failure::{Failure, Outcome};
 use super::simulate::Simulation;
-use crate::clip::{Clip, Command, Fix, JointTable, Level, Lint, Rule, compile_for, edited, lint};
+use crate::clip::{
+    Clip, Command, Fix, JointTable, Level, Lint, Op, Rule, compile_for, edited, lint,
+};
 
 /// The most fixes to apply. Each removes a finding, and some lead to another one.
 const FIXES: usize = 1000;
@@ -36,6 +38,8 @@ pub(super) struct Fixed {
     /// A fix that was not applied, because the clip would become too long.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub left_out: Option<String>,
+    /// Findings with fixes of which none was applied, because it would lead to others.
+    pub kept: usize,
 }
 
 impl Fixed {
@@ -69,6 +73,11 @@ impl Fixed {
             lines.push(format!(
                 "    left out: \"{title}\" would make the clip more than {STRETCH} times as long; check the poses first"
             ));
+        }
+        match self.kept {
+            0 => {}
+            1 => lines.push("    left: one finding, because its fixes lead to others".to_owned()),
+            n => lines.push(format!("    left: {n} findings, because their fixes lead to others")),
         }
         if self.goals[1] < self.goals[0] {
             lines.push(format!(
@@ -132,6 +141,7 @@ impl Finder<'_> {
             fixes: titles,
             length: [before.frames(), after.frames()],
             goals: [goals(&before), goals(&after)],
+            kept: lints.iter().filter(|l| l.level > Level::Info && !l.fixes.is_empty()).count(),
             left_out,
         };
         Ok((clip, lints, fixed))
@@ -201,9 +211,11 @@ impl Finder<'_> {
     }
 }
 
-/// The fixes of all findings that are more than a remark.
+/// The fixes of all findings that are more than a remark. A key that is held longer leaves less time
+/// for the way to the next, so that is for a person to choose.
 fn each(lints: &[Lint]) -> impl Iterator<Item = &Fix> {
-    lints.iter().filter(|l| l.level > Level::Info).flat_map(|l| &l.fixes)
+    let fixes = lints.iter().filter(|l| l.level > Level::Info).flat_map(|l| &l.fixes);
+    fixes.filter(|fix| !matches!(fix.op, Op::KeysHold(_)))
 }
 
 /// The order in which findings count: first errors, then speeds, then the other warnings. Speed

@@ -1,7 +1,7 @@
 //! Rule: the policy always has a goal in its window.
 
 use crate::command::{LOOKAHEAD_FRAMES, SpanKind};
-use crate::document::Key;
+use crate::document::{Goal, Key};
 use crate::grid::round;
 use crate::lint::finder::Finder;
 use crate::lint::finding::{Fix, Level, Lint, Rule};
@@ -57,14 +57,18 @@ impl Finder<'_> {
         let mut fixes = Vec::new();
         // A goal every 20 frames on the line to the next.
         let first = after.unwrap_or(0);
+        let end = if to < self.command.frames() { to } else { first };
+        let wanted = |j| self.command.sees(end, j);
         let keys: Vec<Key> = (1..)
             .map(|i| first + i * LOOKAHEAD_FRAMES)
             .take_while(|f| *f < to)
             .filter(|f| clip.key(*f).is_none())
             .take(limits::CLIP_KEYS.saturating_sub(clip.keys.len()))
             .map(|f| {
-                let q = self.command.interpolated(f);
-                Key::new(f, &q.iter().map(|v| round(f64::from(*v))).collect::<Vec<_>>())
+                let q = self.command.interpolated(f).into_iter().enumerate();
+                // A joint that has no goal after the span stays free on the way.
+                let row = q.map(|(j, v)| wanted(j).then(|| round(f64::from(v)))).collect();
+                Key::with(f, Goal::Q(row))
             })
             .collect();
         if !keys.is_empty() {

@@ -1,9 +1,11 @@
 //! Rule: values are inside the ranges of their joints.
 
 use crate::document::{Row, Start};
+use crate::grid::round;
 use crate::joints::JointFacts;
 use crate::lint::finder::{Finder, Place, some_of};
-use crate::lint::finding::{Level, Lint, Rule};
+use crate::lint::finding::{Fix, Level, Lint, Rule};
+use crate::op::{Batch, ClipStart, Op};
 use robert_base::units::Unit;
 
 /// Two turns, rad: beyond what a pose in rad needs.
@@ -24,7 +26,9 @@ impl Finder<'_> {
         });
         let names = &self.clip.robot.joints;
         let facts: Vec<_> = names.iter().map(|name| (name, self.table.joint(name))).collect();
-        for place in self.places().iter().chain(&start) {
+        let places = self.places();
+        let in_degrees = self.in_degrees(places.iter().chain(&start));
+        for place in places.iter().chain(&start) {
             let mut out = Vec::new();
             let mut words = Vec::new();
             for (j, ((name, joint), value)) in facts.iter().zip(place.row).enumerate() {
@@ -43,16 +47,12 @@ impl Finder<'_> {
             let first = out.first().map_or(0, |o| o.1);
             let mut message = format!("{}: {}", place.who(), some_of(&words));
             let mut fixes = place.fix("Clamp to the limits", &out);
-            let pose = facts.iter().zip(place.row).enumerate();
-            let turns = pose.filter_map(|(j, ((name, joint), value))| {
-                let joint = joint.filter(|joint| joint.unit == Unit::Rad)?;
-                Some((name.as_str(), j, joint, (*value)?))
-            });
-            if let Some(read) = degrees(turns) {
+            if let Some(read) = in_degrees.as_ref().filter(|_| degrees(self.turns(place)).is_some())
+            {
                 message.push_str(
                     "; clips are in rad: are these degrees? Then check the other poses too",
                 );
-                fixes.splice(0..0, place.fix("Read the pose as degrees", &read));
+                fixes.insert(0, read.clone());
             }
             self.push(Lint {
                 level: Level::Error,
@@ -66,23 +66,74 @@ impl Finder<'_> {
             });
         }
     }
+
+    /// The hinges of a pose with their values as they are written.
+    fn turns<'p>(&'p self, place: &'p Place<'_>) -> impl Iterator<Item = Turn<'p>> {
+        let row = self.clip.robot.joints.iter().zip(place.row).enumerate();
+        row.filter_map(|(at, (name, value))| {
+            let joint = self.table.joint(name).filter(|joint| joint.unit == Unit::Rad)?;
+            Some(Turn { name, at, joint, value: (*value)? })
+        })
+    }
+
+    /// The edit that reads poses as degrees: if one looks so, all poses that are outside of the
+    /// limits and would be inside as degrees. One by one, those with small values would be clamped.
+    fn in_degrees<'p>(&self, places: impl Iterator<Item = &'p Place<'p>>) -> Option<Fix> {
+        let (mut edits, mut evident) = (Vec::new(), false);
+        for place in places {
+            let outside = |t: Turn<'_>| {
+                t.joint.range.is_some_and(|[lo, hi]| !(lo - 1e-6..=hi + 1e-6).contains(&t.value))
+            };
+            if !self.turns(place).any(outside) {
+                continue;
+            }
+            let Some(read) = degrees(self.turns(place)) else { continue };
+            evident |= read.iter().filter(|(_, _, _, value)| value.abs() > TURNS).count() >= 2;
+            let values: Vec<_> = read.iter().map(|(name, at, q, _)| (*name, *at, *q)).collect();
+            match (place.pointer.as_str(), &self.clip.start) {
+                ("/start/q", Some(Start::Q(q))) => {
+                    let mut q = q.clone();
+                    values.iter().for_each(|(_, at, value)| q[*at] = round(*value));
+                    edits.push(Op::ClipStart(ClipStart { start: Some(Start::Q(q)) }));
+                }
+                _ => edits.extend(place.fix("", &values).into_iter().map(|fix| fix.op)),
+            }
+        }
+        let title = match edits.len() {
+            0 | 1 => "Read the pose as degrees".to_owned(),
+            n => format!("Read {n} poses as degrees"),
+        };
+        let op = match (edits.pop()?, edits.is_empty()) {
+            (one, true) => one,
+            (last, false) => {
+                edits.push(last);
+                Op::Batch(Batch { label: title.clone(), ops: edits })
+            }
+        };
+        evident.then_some(Fix { title, op })
+    }
 }
 
-/// The values of a pose's hinges in rad, if they look like degrees: two are beyond two turns, and
-/// as degrees all are possible.
-fn degrees<'a>(
-    turns: impl Iterator<Item = (&'a str, usize, &'a JointFacts, f64)>,
-) -> Option<Vec<(&'a str, usize, f64)>> {
-    let mut beyond = 0;
-    let mut read = Vec::new();
-    for (name, j, joint, degrees) in turns {
+/// A hinge of a pose.
+struct Turn<'a> {
+    name: &'a str,
+    /// Its place in the row.
+    at: usize,
+    joint: &'a JointFacts,
+    /// As it is written, rad or by mistake degrees.
+    value: f64,
+}
+
+/// The name and place of each hinge, its value in rad if it is written in degrees, and the value as
+/// it is written.
+type Read<'a> = Vec<(&'a str, usize, f64, f64)>;
+
+/// The hinges of a pose, read as degrees; `None` if they would be outside of their ranges.
+fn degrees<'a>(turns: impl Iterator<Item = Turn<'a>>) -> Option<Read<'a>> {
+    let each = |Turn { name, at, joint, value }: Turn<'a>| {
         let [lo, hi] = joint.range.unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
-        let q = degrees.to_radians();
-        if q < lo - 1e-6 || q > hi + 1e-6 {
-            return None;
-        }
-        beyond += usize::from(degrees.abs() > TURNS);
-        read.push((name, j, q));
-    }
-    (beyond >= 2).then_some(read)
+        let q = value.to_radians();
+        (lo - 1e-6..=hi + 1e-6).contains(&q).then_some((name, at, q, value))
+    };
+    turns.map(each).collect()
 }

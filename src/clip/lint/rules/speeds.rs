@@ -28,9 +28,10 @@ impl Finder<'_> {
             let Some(speed_max) = joint.and_then(|f| f.speed_max).filter(|s| *s > 0.0) else {
                 continue;
             };
-            let mut last: Option<(u32, f32)> = None;
+            // The robot is at its start at frame 0.
+            let mut last: Option<(u32, f32)> = command.start().get(j).map(|v| (0, *v));
             let mut run: Option<Run> = None;
-            for t in 0..command.frames() {
+            for t in 1..command.frames() {
                 if !command.sees(t, j) {
                     continue;
                 }
@@ -91,19 +92,22 @@ impl Finder<'_> {
         let mut fixes = Vec::from_iter(self.automatic(index, &joints));
         fixes.extend(self.softer(from, to, &joints, ratio));
         // A typed slope stays as steep in a longer interval, and so does an offset.
-        if let (Some(key), Some(after), true) = (keys.get(index), keys.get(next), fixes.is_empty())
-            && next == index + 1
+        // The way to the first key begins at the start of the clip, and has no key before it.
+        let key = keys.get(index).filter(|k| k.frame <= from);
+        if let (Some(after), true) = (keys.get(next), fixes.is_empty())
+            && next == key.map_or(0, |_| index + 1)
         {
-            let begin = self.clip.hold_end(index).saturating_sub(1).max(key.frame);
+            let begin =
+                key.map_or(0, |key| self.clip.hold_end(index).saturating_sub(1).max(key.frame));
             let have = after.frame - begin;
             // A held value jumps over one frame; only a line can be slower.
-            let jumps = self.clip.fill_after(key) == Fill::Hold;
+            let jumps = key.is_some_and(|key| self.clip.fill_after(key) == Fill::Hold);
             let need = if jumps { ratio } else { f64::from(have) * ratio }.ceil().min(1e6) as u32;
             let frames = need.saturating_sub(have).max(u32::from(!jumps));
             let (at, room) = (after.frame, self.clip.length + frames <= limits::CLIP_FRAMES);
             let insert = (frames > 0).then_some(Op::TimeInsert(TimeInsert { at, frames }));
             let line = jumps.then(|| {
-                let frames = Some(vec![key.frame]);
+                let frames = key.map(|key| vec![key.frame]);
                 Op::FillSet(FillSet { frames, fill: Some(Fill::Linear) })
             });
             let title = match (&line, &insert) {
