@@ -402,6 +402,46 @@ fn new_goes_on_only_with_the_model_that_the_folder_was_made_from() {
 }
 
 #[test]
+fn figures_in_the_other_unit_of_angles_are_pointed_at() {
+    let warned = |text: &str| {
+        let ran = robert().file("m.xml", text).args(["import", "m.xml", "--out", "bot", "--json"]);
+        notes(&ran.succeeds().json(), "warnings")
+    };
+    let arm = |compiler: &str, range: &str, servo: &str| {
+        format!(
+            r#"<mujoco>{compiler}<worldbody><body><joint name="a" axis="0 0 1" limited="true" range="{range}" damping="1" armature=".1"/>
+            <geom type="capsule" fromto="0 0 0 .3 0 0" size=".03"/></body></worldbody>
+            <actuator><position joint="a" kp="20" ctrllimited="true" ctrlrange="{servo}"/></actuator></mujoco>"#
+        )
+    };
+    let radian = "<compiler angle=\"radian\"/>";
+    assert_eq!(warned(&arm(radian, "-1.2 1.2", "-1.2 1.2")), "");
+    assert_eq!(warned(&arm("", "-70 70", "-1.2 1.2")), "");
+    assert!(warned(&arm("", "-1.2 1.2", "-1.2 1.2")).contains("degrees unless"));
+    assert!(warned(&arm(radian, "-70 70", "-1.2 1.2")).contains("\"a\" -70.0000 to 70.0000 rad"));
+    assert!(warned(&arm("", "-70 70", "-70 70")).contains("control ranges are in radians"));
+}
+
+#[test]
+fn actuators_with_dynamics_go_last_and_have_their_own_strength() {
+    let text = r#"<mujoco><worldbody><body><joint name="a" axis="0 0 1"/><geom type="capsule" fromto="0 0 0 .3 0 0" size=".03"/>
+        <body pos=".3 0 0"><joint name="b" axis="0 0 1"/><geom type="capsule" fromto="0 0 0 .3 0 0" size=".03"/></body></body></worldbody>
+        <actuator><cylinder name="c" joint="a" timeconst=".05" area=".5" ctrllimited="true" ctrlrange="-30 40"/>
+        <muscle name="m" joint="b" force="25"/><motor name="t" joint="b" ctrllimited="true" ctrlrange="-3 3"/></actuator></mujoco>"#;
+    let ran =
+        robert().file("m.xml", text).args(["import", "m.xml", "--out", "bot", "--json"]).succeeds();
+    let changed = notes(&ran.json(), "changed");
+    assert!(changed.contains("actuators with dynamics"), "{changed}");
+    assert!(
+        changed.contains("muscle, which only pulls, \"m\" became a motor of -25 to 25"),
+        "{changed}"
+    );
+    let bot = Robot::from_folder(&ran.path("bot")).unwrap();
+    let found: Vec<_> = bot.actuators().iter().map(|a| (a.name.as_str(), a.ctrlrange)).collect();
+    assert_eq!(found, [("t", [-3.0, 3.0]), ("c", [-15.0, 20.0]), ("m", [-25.0, 25.0])]);
+}
+
+#[test]
 fn imports_that_cannot_be_leave_no_folder() {
     let xml = r#"<mujoco><worldbody><body><freejoint/><geom size=".1"/><body><joint name="k"/><geom size=".1" pos="1 0 0"/></body></body></worldbody></mujoco>"#;
     let ran = robert().file("m.xml", xml).args(["import", "m.xml", "--out", "bot"]).fails(3);

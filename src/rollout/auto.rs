@@ -346,7 +346,8 @@ pub(super) fn differing(all: &[&PolicyConfig], goals: &Goals) -> Vec<usize> {
 
 /// The list of contenders. With a model: the network alone, with smooth motion through the gaps,
 /// and filling the gaps itself; the linear prediction and proportional control, alone and with
-/// smooth motion. Without a model: policies that need no data. For a named policy: this one.
+/// smooth motion. For a robot of the user's own, and without a model: policies that need no data. For a
+/// named policy: this one.
 pub(super) fn configs(robot: &Robot, asked: &PolicyConfig) -> Result<Vec<PolicyConfig>, Error> {
     if asked.name != PolicyName::Auto {
         return Ok(vec![PolicyConfig { ilc: false, ..asked.clone() }]);
@@ -364,15 +365,21 @@ pub(super) fn configs(robot: &Robot, asked: &PolicyConfig) -> Result<Vec<PolicyC
     let mut list = Vec::new();
     if asked.model_path.is_some() || shipped::has_default(robot) {
         let model: Arc<Model> = of(PolicyName::Robert).model(robot)?;
-        list.extend(each(of(PolicyName::Robert)));
-        if asked.guide == Guide::None && model.card.reach.is_some() {
-            let inference = Inference { masks: true, ..asked.inference };
-            list.push(PolicyConfig { inference, ..of(PolicyName::Robert) });
+        // Without a step of training the network adds nothing to the linear prediction.
+        let linear = model.encoder.ridge.is_some();
+        if model.card.training.step > 0 || !linear {
+            list.extend(each(of(PolicyName::Robert)));
+            if asked.guide == Guide::None && model.card.reach.is_some() {
+                let inference = Inference { masks: true, ..asked.inference };
+                list.push(PolicyConfig { inference, ..of(PolicyName::Robert) });
+            }
         }
-        if model.encoder.ridge.is_some() {
+        if linear {
             list.extend(each(PolicyConfig { inference, ..of(PolicyName::Ridge) }));
         }
-    } else {
+    }
+    // A robot of the user's own has no other policy before `robert new`, and should not lose it.
+    if list.is_empty() || Robot::builtin_ids().all(|id| id != robot.id()) {
         list.extend(each(plain(PolicyName::ComputedTorque)));
     }
     list.extend(each(plain(PolicyName::Pd)));

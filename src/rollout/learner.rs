@@ -97,7 +97,6 @@ impl Learner {
     pub(super) fn new(racers: Vec<Repeats>, threads: usize) -> Option<Learner> {
         let first = racers.iter().map(|r| r.least).fold(f64::INFINITY, f64::min);
         let natural = racers.iter().map(|r| r.gaps).fold(0.0, f64::max);
-        let natural = natural.max(std::env::var("NAT").map_or(0.0, |x| x.parse().unwrap()));
         (!racers.is_empty()).then(|| Learner {
             racers,
             first,
@@ -430,7 +429,7 @@ mod tests {
         let ((passes, gaps), learner) = search(1);
         let least = Judge::default().score(learner.best().unwrap()).unwrap();
         assert!(least < passes, "{least} {passes}");
-        assert!(learner.lead().gaps <= gaps, "no way leads through unnatural motion in gaps");
+        assert!(learner.lead().gaps <= learner.natural.max(gaps), "motion in gaps stays natural");
         let (_, on_three) = search(3);
         assert_eq!(on_three.best().unwrap().actions(), learner.best().unwrap().actions());
         let best = learner.into_best().unwrap().1;

@@ -108,7 +108,8 @@ pub(super) fn run(a: &Check, global: Global) -> Outcome {
             Ok(one) => {
                 let count = |level| one.lints.iter().filter(|l| l.lint.level == level).count();
                 report.errors += count(Level::Error);
-                report.warnings += count(Level::Warning);
+                // What could not be checked counts, too.
+                report.warnings += count(Level::Warning) + usize::from(!one.robot_known);
                 deliver(a, &one)?;
                 report.files.push(one);
             }
@@ -204,7 +205,7 @@ fn lines(report: &FileReport, all: bool) -> Vec<String> {
     let place = input::place(&report.path);
     let path = place.display();
     let mut lines = Vec::new();
-    if let Some(fixed) = report.fixed.as_ref().filter(|f| f.count() > 0) {
+    if let Some(fixed) = report.fixed.as_ref().filter(|f| f.count() > 0 || f.kept > 0) {
         let said = fixed.lines().into_iter().enumerate();
         lines.extend(said.map(|(i, l)| if i == 0 { format!("{path}: {l}") } else { l }));
     }

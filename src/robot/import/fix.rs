@@ -277,14 +277,44 @@ fn motor(
             draft.changed.push(format!("servo \"{name}\" became a motor of {} to {}", f[0], f[1]));
             f
         }
+        (false, _, None) if let Some((what, [lo, hi])) = strength(model, a) => {
+            draft.changed.push(format!("{what} \"{name}\" became a motor of {lo} to {hi}"));
+            [lo, hi]
+        }
         (motor, _, None) => {
             let words = efforts.words(effort, effort);
-            let what = if motor { "motor without limits" } else { "servo without a force limit" };
+            let what = match model.actuator_gaintype()[a] {
+                _ if motor => "motor without limits",
+                MUSCLE => "muscle of unknown strength",
+                _ => "servo without a force limit",
+            };
             draft.assumed.push(format!("\"{name}\" ({what}) became a motor of {words}"));
             [-effort, effort]
         }
     };
     Some(Motor { name, attribute, target, gear, limit, servo: None, force: None })
+}
+
+/// `mjGAIN_MUSCLE`.
+const MUSCLE: i32 = 2;
+
+/// What an actuator with dynamics is, and the forces that it reaches: a filter, such as the pressure
+/// of a cylinder, arrives at its control after a while. A muscle only pulls; the motor in its place
+/// pushes as well, because antagonists would otherwise fight each other.
+fn strength(model: &Model, a: usize) -> Option<(&'static str, [f64; 2])> {
+    const FIXED: i32 = 0; // mjGAIN_FIXED
+    const FILTER: i32 = 2; // mjDYN_FILTER
+    let gain = &model.actuator_gainprm()[10 * a..10 * (a + 1)];
+    let bias = &model.actuator_biasprm()[10 * a..10 * a + 3];
+    match (model.actuator_gaintype()[a], model.actuator_dyntype()[a]) {
+        (FIXED, FILTER) if bias.iter().all(|b| *b == 0.0) => {
+            let range = ctrlrange(model, a)?.map(|ctrl| ctrl * gain[0]);
+            Some(("filtered actuator", ordered(range)))
+        }
+        // A negative peak force means that it is a multiple of the inertia that the muscle sees.
+        (MUSCLE, _) if gain[2] > 0.0 => Some(("muscle, which only pulls,", [-gain[2], gain[2]])),
+        _ => None,
+    }
 }
 
 /// Limits of an actuator's force: its own, reduced to those of its joint.

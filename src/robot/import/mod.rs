@@ -12,6 +12,7 @@ mod bearable;
 mod classes;
 mod config;
 mod contacts;
+mod degrees;
 mod description;
 mod draft;
 mod drives;
@@ -80,6 +81,7 @@ pub fn import(config: &ImportConfig) -> Result<Report, Error> {
         .map_err(write)?;
     let (model, xml) = settle_draft(&mut draft, &project, config, temp.path())?;
     plausible::check(&mut draft, &model)?;
+    degrees::check(&mut draft, &model);
     let profile = describe(&mut draft, &model, &id, config)?;
     write_files(temp.path(), &xml, &draft.assets, &profile)?;
     // The way every later command will take.

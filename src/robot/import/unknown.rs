@@ -6,7 +6,9 @@ use std::path::Path;
 
 use roxmltree::Node;
 
+use super::classes::Classes;
 use super::draft::Draft;
+use super::words::ACTUATORS;
 use crate::text::{Edits, escape};
 use crate::{Error, mesh, preparse};
 
@@ -28,10 +30,14 @@ pub(super) fn heal(draft: &mut Draft, error: &Error, path: &Path) -> Result<bool
     let Error::Checked { message, .. } = error else { return Ok(false) };
     // Only muscles need the range of their lengths, and they are replaced by motors.
     let none = "<compiler><lengthrange mode=\"none\"/></compiler>";
-    let ranges = message.contains("lengthrange") || message.contains("length range");
+    let lower = message.to_lowercase();
+    let ranges = lower.contains("lengthrange") || lower.contains("length range");
     if ranges && !draft.xml.contains(none) {
         draft.append(none, path)?;
         return Ok(true);
+    }
+    if message.contains("stateless actuators must come before stateful actuators") {
+        return stateless_first(draft, path);
     }
     if let Some((_, rest)) = message.split_once("material '")
         && let Some((name, _)) = rest.split_once("' not found")
@@ -49,6 +55,39 @@ pub(super) fn heal(draft: &mut Draft, error: &Error, path: &Path) -> Result<bool
         return hull(draft, rest.split(',').next().unwrap_or(rest), path);
     }
     Ok(false)
+}
+
+/// Puts actuators with dynamics behind the others. Later versions of MuJoCo allow any order.
+fn stateless_first(draft: &mut Draft, path: &Path) -> Result<bool, Error> {
+    let doc = preparse::parse(&draft.xml, path)?;
+    let classes = Classes::of(&doc);
+    let sections = doc.root_element().children().filter(|n| n.has_tag_name("actuator"));
+    let all: Vec<Node<'_, '_>> =
+        sections.flat_map(|s| s.children().filter(Node::is_element)).collect();
+    let stateful = |at: &usize| {
+        let node = all[*at];
+        let tag = node.tag_name().name();
+        let dynamics = || classes.get(node, ACTUATORS, "dyntype").is_some_and(|d| d != "none");
+        ["muscle", "cylinder", "intvelocity"].contains(&tag) || tag == "general" && dynamics()
+    };
+    let mut order: Vec<usize> = (0..all.len()).collect();
+    order.sort_by_key(stateful);
+    if order.is_sorted() {
+        return Ok(false);
+    }
+    let mut edits = Edits::default();
+    for (node, from) in all.iter().zip(&order) {
+        edits.replace(node.range(), draft.xml.get(all[*from].range()).unwrap_or_default());
+    }
+    let xml = edits.apply(&draft.xml);
+    let servos = &draft.words.servos;
+    draft.words.servos =
+        order.iter().map(|at| servos.get(*at).copied().unwrap_or_default()).collect();
+    draft.changed.push(
+        "actuators with dynamics (muscles, cylinders, filters) come last in the action".to_owned(),
+    );
+    draft.xml = xml;
+    Ok(true)
 }
 
 /// Adds a material that the file uses and does not define; it has no colour of its own.

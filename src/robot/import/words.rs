@@ -8,7 +8,7 @@ use roxmltree::{Document, Node};
 use super::classes::Classes;
 
 /// Elements that share the defaults of actuators.
-const ACTUATORS: &[&str] = &[
+pub(super) const ACTUATORS: &[&str] = &[
     "general",
     "position",
     "velocity",
