@@ -12,7 +12,7 @@ use super::{input, motion, out};
 use crate::clip::{Level, lint};
 use crate::exit::HasExit as _;
 use crate::robot::PlantConfig;
-use crate::rollout::{ClipFacts as _, Precision, Rollout, Settler, Trial};
+use crate::rollout::{ClipFacts as _, GapFigures, Precision, Rollout, Settler, Trial};
 use crate::units::{CTRL_DT, short_unit, significant};
 
 #[derive(clap::Args, Debug)]
@@ -53,6 +53,17 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
             return Err(Failure::usage("only one of --out, --csv and --json can go to stdout"));
         }
     };
+    // A film under the name of a take would be a file that no player opens.
+    const OTHERS: [&str; 6] = ["mp4", "gif", "png", "apng", "html", "csv"];
+    let extension = args.out.as_deref().and_then(Path::extension).unwrap_or_default();
+    if OTHERS.iter().any(|other| extension.eq_ignore_ascii_case(other)) {
+        let (clip, file) = (&args.clip, args.out.as_deref().unwrap_or(Path::new("")));
+        return Err(Failure::usage(format!(
+            "--out writes a take (MCAP); for {} see `robert render {clip} -o {}`, `robert export {clip} --to ...` and --csv",
+            extension.display(),
+            file.display(),
+        )));
+    }
     motion::may_write(&args.clip, args.out.as_deref())?;
     motion::may_write(&args.clip, args.csv.as_deref())?;
     let mut done = perform(&args.clip, &args.perform, global)?;
@@ -69,6 +80,9 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
             take.write(path, Some(&scene))?;
         }
     }
+    if !global.quiet {
+        warn(&done);
+    }
     if let Some(e) = done.broke.take() {
         let exit = e.exit();
         let kept = [&args.out, &args.csv].into_iter().flatten().map(|p| p.display().to_string());
@@ -76,9 +90,6 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         let kept =
             if kept.is_empty() { kept } else { format!("; the frames before that are in {kept}") };
         return Err(Failure::with(exit, format!("{e}{kept}")));
-    }
-    if !global.quiet {
-        warn(&done);
     }
     let precision = done.rollout.precision();
     if args.json {
@@ -120,6 +131,8 @@ fn report(args: &Args, done: &Performed, p: &Precision) -> Value {
         "plant": done.config.plant,
         "precision": p.precision,
         "why_none": p.precision.is_none().then_some(NOTHING_ASKED),
+        "moving": p.moving,
+        "gap": GapFigures::of(rollout),
         "masked_mae": p.masked_mae,
         "p95": p.p95,
         "worst": p.worst.map(|(frame, error)| json!({"frame": frame, "error": error})),

@@ -66,6 +66,10 @@ pub fn read(path: &Path, root: Option<&Path>) -> Result<Project, Error> {
     let root = root
         .canonicalize()
         .map_err(|e| whole(format!("cannot open the folder {}: {e}", root.display())))?;
+    if !xml.trim_start_matches('\u{feff}').trim_start().starts_with('<') {
+        let message = "this is not XML; a model is a URDF or an MJCF".to_owned();
+        return Err(Error::Refused { message, line: 1, column: 1, path: path.to_owned() });
+    }
     let doc = parse(&xml, path)?;
     let name = doc.root_element().tag_name().name();
     let format = match name {

@@ -44,7 +44,7 @@ pub enum Error {
         path: String,
     },
     /// The clip is for another robot, or has another number of joints.
-    #[error("the clip has {got} joints, but robot {robot} has {want}: {hint}")]
+    #[error("the clip ({got} joints) is not for robot {robot} ({want} joints): {hint}")]
     Joints {
         /// The robot.
         robot: String,

@@ -121,6 +121,12 @@ impl Motion<'_> {
 }
 
 impl GapFigures {
+    /// The figures of a rollout so far. `None` if nothing is masked.
+    pub fn of(rollout: &Rollout) -> Option<GapFigures> {
+        let joints = rollout.robot().joints().iter().map(|j| j.name.clone());
+        GapFigures::measure(rollout.goals(), rollout.states(), &joints.collect::<Vec<_>>())
+    }
+
     /// Measures `states` (30 of history, then frames 0..=t; (30 + t + 1, S)); `joints` are the
     /// names of the state. `None` if nothing is masked.
     pub fn measure(goals: &Goals, states: &[f64], joints: &[String]) -> Option<GapFigures> {

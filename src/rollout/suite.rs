@@ -483,9 +483,8 @@ fn one(mut rollout: Rollout, case: &Case, stops: &[&Cancel]) -> Result<Outcome, 
 
 fn measure(rollout: &Rollout, case: &Case, outcome: &mut Outcome) {
     let (goals, reached) = (rollout.goals(), rollout.reached());
-    let names: Vec<String> = rollout.robot().joints().iter().map(|j| j.name.clone()).collect();
     let mut precision = rollout.precision();
-    outcome.gap = GapFigures::measure(goals, rollout.states(), &names);
+    outcome.gap = GapFigures::of(rollout);
     if let (Some(truth), Start::Recorded { history, .. }) = (&case.truth, &case.start) {
         precision.masked_mae = hidden_error(goals, reached, truth);
         let cubic = cubic_error(goals, history, truth).filter(|c| *c > 0.0);

@@ -11,7 +11,7 @@ fn json_has_what_scripts_read() {
     assert!(precision > 1e-6 && precision < 0.015, "{precision}");
     assert_eq!(r["frames"], 201);
     assert!(r["masked_mae"].is_null(), "nothing is masked");
-    assert!(r["wall_secs"].as_f64().unwrap() > 0.0);
+    assert!(r["wall_secs"].as_f64().unwrap() > 0.0 && r["moving"].as_f64().unwrap() > 0.0);
     assert_eq!((r["policy"].as_str(), r["unit"].as_str()), (Some("pd"), Some("rad")));
     assert_eq!(r["per_frame"].as_array().unwrap().len(), 201);
     assert!(r["unreachable"].is_null(), "a key at every frame is not settled");
@@ -149,11 +149,16 @@ fn mistakes_are_named() {
         }
         assert!(ran.stdout.is_empty());
     };
+    says(
+        &["hop.clip.json", "-o", "hop.mp4"],
+        2,
+        &["MCAP", "robert render hop.clip.json -o hop.mp4"],
+    );
     says(&["hop.clip.json", "-p", "magic"], 2, &["magic", "computed-torque"]);
     says(&["hop.clip.json", "-p", "pd+x"], 2, &["+x"]);
     says(&["hop.clip.json", "-p", "ridge:."], 5, &["no model in .", "robert fit ridge"]);
     says(&["hop.clip.json", "--plant", "wind=2"], 2, &["wind", "mass=1.25"]);
-    says(&["hop.clip.json", "--robot", "ur5e"], 3, &["2 joints", "ur5e has 5", "--robot"]);
+    says(&["hop.clip.json", "--robot", "ur5e"], 3, &["(2 joints)", "ur5e (5 joints)", "--robot"]);
     says(&["hop.clip.json", "--robot", "ur6"], 3, &["ur6"]);
     says(&["gone.clip.json"], 3, &["gone.clip.json"]);
     says(&["recher"], 2, &["ur5e/reacher"]);
@@ -165,6 +170,18 @@ fn mistakes_are_named() {
         .replace(",\n    {\"frame\": 12, \"q\": [0.2, -0.1], \"hold\": 9}", "");
     let ran = robert().file("short.clip.json", short).args(["rollout", "short.clip.json"]).fails(3);
     assert!(ran.stderr.contains("at least 2"), "{}", ran.stderr);
+}
+
+#[test]
+fn a_motion_that_breaks_off_says_what_is_wrong_with_its_clip() {
+    let hand = robert::robot::Robot::builtin("shadow_hand").unwrap();
+    let joints: Vec<&str> = hand.joints().iter().map(|j| j.name.as_str()).collect();
+    let clip = serde_json::json!({"format": "robert-clip/1", "fps": 20, "length": 21,
+        "robot": {"id": "shadow_hand", "joints": joints, "units": vec!["rad"; joints.len()]},
+        "keys": [{"frame": 0, "q": vec![5e4; joints.len()], "hold": 21}]});
+    let ran = robert().file("far.clip.json", clip.to_string());
+    let stderr = ran.args(["rollout", "far.clip.json", "-p", "pd"]).fails(1).stderr;
+    assert!(stderr.contains("diverged") && stderr.contains("FFJ4 50000 is outside"), "{stderr}");
 }
 
 #[test]

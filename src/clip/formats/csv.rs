@@ -2,7 +2,9 @@
 //!
 //! Any of the three leading columns may be missing when a file is read. Without `frame`, time
 //! counts from the first row, and rows between frames of the 20 Hz grid are interpolated linearly
-//! (a log at 100 Hz keeps its motion instead of being reduced to the nearest rows).
+//! (a log at 100 Hz keeps its motion instead of being reduced to the nearest rows). Spreadsheets of
+//! many countries write semicolons between cells and a comma in numbers; both are read, and so are
+//! tabs.
 
 use std::fmt::Write as _;
 
@@ -50,6 +52,18 @@ fn quoted(text: &str) -> String {
     }
 }
 
+/// The character between cells: that of the header, which names at least one joint.
+fn delimiter(text: &str) -> u8 {
+    let lines = text.lines().filter(|l| !l.trim().is_empty() && !l.starts_with('#'));
+    let header = lines.take(1).next().unwrap_or_default();
+    match () {
+        () if header.contains(',') => b',',
+        () if header.contains(';') => b';',
+        () if header.contains('\t') => b'\t',
+        () => b',',
+    }
+}
+
 struct Head {
     frame: Option<usize>,
     time: Option<usize>,
@@ -65,7 +79,9 @@ struct Head {
 pub fn from_csv(bytes: &[u8], robot: Option<&RobotRef>, fill: Fill) -> Result<Clip, ClipError> {
     let text = utf8(bytes.to_vec())?;
     let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
+    let delimiter = delimiter(text);
     let mut reader = ::csv::ReaderBuilder::new()
+        .delimiter(delimiter)
         .trim(::csv::Trim::All)
         .comment(Some(b'#'))
         .from_reader(text.as_bytes());
@@ -83,7 +99,7 @@ pub fn from_csv(bytes: &[u8], robot: Option<&RobotRef>, fill: Fill) -> Result<Cl
             let cap = limits::CLIP_VALUES;
             return Err(ClipError::at(format!("more than {cap} values"), line, 1));
         }
-        let number = |column: usize| number(&record, line, column);
+        let number = |column: usize| number(&record, line, column, delimiter != b',');
         let mut row: Row = vec![None; dim];
         let hidden = match head.mask {
             Some(column) => flag(&record, line, column)?,
@@ -194,12 +210,14 @@ fn number(
     record: &::csv::StringRecord,
     line: usize,
     column: usize,
+    decimal_comma: bool,
 ) -> Result<Option<f64>, ClipError> {
     let cell = record.get(column).unwrap_or_default();
     if cell.is_empty() {
         return Ok(None);
     }
-    match cell.parse::<f64>() {
+    let pointed = decimal_comma.then(|| cell.replacen(',', ".", 1));
+    match pointed.as_deref().unwrap_or(cell).parse::<f64>() {
         Ok(v) if v.abs() <= limits::CLIP_VALUE_MAX.max(1e12) => Ok(Some(v)),
         _ => Err(ClipError::at(format!("\"{}\" is not a number", show(cell)), line, column + 1)),
     }
@@ -231,6 +249,18 @@ fn broken(e: &::csv::Error) -> ClipError {
 mod tests {
     use super::super::super::compile;
     use super::*;
+
+    #[test]
+    fn spreadsheets_with_semicolons_and_tabs_are_read() {
+        let plain = from_csv(b"frame,a,b\n0,0.5,1\n20,-1.25,\n", None, Fill::Mask).unwrap();
+        for text in
+            ["frame;a;b\r\n0;0,5;1\r\n20;-1,25;\r\n", "frame\ta\tb\n0\t0.5\t1\n20\t-1.25\t\n"]
+        {
+            assert_eq!(from_csv(text.as_bytes(), None, Fill::Mask).unwrap(), plain, "{text}");
+        }
+        let e = from_csv(b"frame;a\n0;1,2,3\n", None, Fill::Mask).unwrap_err().to_string();
+        assert!(e.contains("\"1,2,3\" is not a number"), "{e}");
+    }
 
     #[test]
     fn plain_logs_are_resampled() {

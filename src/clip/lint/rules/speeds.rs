@@ -81,7 +81,9 @@ impl Finder<'_> {
             let Some(fact) = self.table.joint(name) else { continue };
             let max = fact.speed_max.unwrap_or_default();
             let unit = fact.unit.symbol();
-            words.push(format!("{name} {:.2} of {max:.2} {unit}/s", max * run.ratio));
+            // Near the limit two digits would show the same figure twice.
+            let digits = if run.ratio < 1.1 || max < 0.1 { 4 } else { 2 };
+            words.push(format!("{name} {:.digits$} of {max:.digits$} {unit}/s", max * run.ratio));
             joints.push(name.clone());
         }
         // The length of the interval between the keys around the run scales the speed.
