@@ -153,7 +153,7 @@ impl Repeats {
         first: &Rollout,
         [mut trial, spare]: [Rollout; 2],
     ) -> Result<Option<Repeats>, Error> {
-        let judge = Judge::default();
+        let judge = Judge::of(first.robot());
         let Some(least) = judge.score(first).filter(|_| first.frames() <= LONGEST) else {
             return Ok(None);
         };
@@ -305,7 +305,7 @@ mod tests {
         };
         let mut first = fresh();
         first.run(&Cancel::default()).unwrap();
-        let score = |r: &Rollout| Judge::default().score(r);
+        let score = |r: &Rollout| Judge::of(r.robot()).score(r);
         let before = score(&first).unwrap();
         let repeats = Repeats::new((0, &policy), &first, [fresh(), fresh()]).unwrap();
         let mut repeats = repeats.unwrap();

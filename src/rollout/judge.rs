@@ -4,6 +4,10 @@
 //! stays behind another one for a second adds little to the mean over all joints and frames, but a
 //! person sees it at once. A strict judge gives the errors of joints that jam more weight, as long as
 //! the usual sum stays nearly as small.
+//!
+//! Two joints of one tendon that are asked for 0 and 1.2 have the same sum of errors wherever their own
+//! sum is between these goals: half bent or hardly bent at all. The tendon moves their sum, so its error
+//! decides such ties.
 
 use std::sync::Arc;
 
@@ -11,6 +15,7 @@ use super::gaps;
 use super::jam::Off;
 use super::run::Rollout;
 use super::window::{Goals, HISTORY};
+use robert_robot::{Coupling, Robot};
 
 /// Weight that a strict judge gives to the errors of joints that jam: a joint that comes free may cost
 /// the others four fifths of what it gains.
@@ -18,9 +23,17 @@ const JAMS: f64 = 5.0;
 /// The share by which the usual sum may grow under a strict judge, which nobody sees.
 const GIVES: f64 = 0.03;
 
+/// Weight of the error of coupled joints together, beside their own: it only decides ties.
+const TIES: f64 = 0.05;
+
+/// The joints that one actuator moves together, and how far each.
+type Tie = Vec<(usize, f64)>;
+
 /// Compares motions; the smaller the score the better.
 #[derive(Clone, Debug)]
 pub(super) struct Judge {
+    /// The coupled joints of the robot.
+    ties: Arc<[Tie]>,
     /// Weights of the errors, (frames, S); `None` if all are 1.
     weights: Option<Arc<[f64]>>,
     /// The largest sum of Precision and penalty that a motion may have, rad or m.
@@ -28,12 +41,30 @@ pub(super) struct Judge {
 }
 
 impl Default for Judge {
+    /// The judge of a robot without coupled joints.
     fn default() -> Judge {
-        Judge { weights: None, most: f64::INFINITY }
+        Judge { ties: Arc::new([]), weights: None, most: f64::INFINITY }
     }
 }
 
 impl Judge {
+    /// The usual judge of a robot's motions.
+    pub(super) fn of(robot: &Robot) -> Judge {
+        let place = |name: &str| robot.joint_index(name).ok();
+        let tie = |coupling: &Coupling| -> Option<Tie> {
+            match coupling {
+                Coupling::Tendon { joints, coefs, .. } => {
+                    joints.iter().zip(coefs).map(|(j, c)| Some((place(j)?, *c))).collect()
+                }
+                Coupling::Mimic { follower, leader, multiplier, .. } => {
+                    Some(vec![(place(leader)?, 1.0), (place(follower)?, *multiplier)])
+                }
+            }
+        };
+        let ties = robot.profile().couplings.iter().filter_map(tie).collect();
+        Judge { ties, ..Judge::default() }
+    }
+
     /// A strict judge of motions that should lose the jams of `best`. Their usual sum stays below
     /// `most`.
     pub(super) fn strict(best: &Rollout, jams: &[Off], most: f64) -> Judge {
@@ -42,8 +73,9 @@ impl Judge {
         for jam in jams {
             (jam.from..jam.to).for_each(|f| weights[f * d + jam.joint] = JAMS);
         }
-        let least = Judge::default().score(best).unwrap_or(f64::INFINITY);
-        Judge { weights: Some(weights.into()), most: most.min((1.0 + GIVES) * least) }
+        let usual = Judge::of(best.robot());
+        let least = usual.score(best).unwrap_or(f64::INFINITY);
+        Judge { weights: Some(weights.into()), most: most.min((1.0 + GIVES) * least), ..usual }
     }
 
     /// Precision with weighted errors and the penalty for unnatural motion in gaps, rad or m. `None`
@@ -52,8 +84,8 @@ impl Judge {
         let goals = rollout.goals();
         let (precision, penalty) = (rollout.precision().precision?, gaps::unnatural(rollout));
         let weighted = match self.weights {
-            None => precision,
-            Some(_) => {
+            None if self.ties.is_empty() => precision,
+            _ => {
                 let reached = &rollout.states()[HISTORY * goals.dim()..];
                 let frames = 1..goals.frames();
                 frames.map(|f| self.error_at(goals, reached, f)).sum::<f64>() / commanded(goals)
@@ -67,12 +99,16 @@ impl Judge {
         self.weights.as_ref().map_or(1.0, |w| w[frame * goals.dim() + joint])
     }
 
-    /// The weighted sum of the errors of a frame; `reached` is (frames, S).
+    /// The weighted sum of the errors of a frame, with those that decide ties; `reached` is
+    /// (frames, S).
     pub(super) fn error_at(&self, goals: &Goals, reached: &[f64], f: usize) -> f64 {
         let d = goals.dim();
-        let error = |j: usize| (reached[f * d + j] - goals.row(f)[j]).abs();
+        let error = |j: usize| reached[f * d + j] - goals.row(f)[j];
         let seen = (0..d).filter(|&j| goals.is_visible(f, j));
-        seen.map(|j| self.weight(goals, f, j) * error(j)).sum()
+        let each: f64 = seen.map(|j| self.weight(goals, f, j) * error(j).abs()).sum();
+        let whole = self.ties.iter().filter(|tie| tie.iter().all(|(j, _)| goals.is_visible(f, *j)));
+        let together = whole.map(|tie| tie.iter().map(|(j, c)| c * error(*j)).sum::<f64>().abs());
+        each + TIES * together.sum::<f64>()
     }
 }
 
@@ -87,8 +123,26 @@ mod tests {
     use super::*;
     use crate::{PolicyConfig, PolicyName, RolloutConfig, Start, tasks};
     use robert_base::progress::Cancel;
-    use robert_clip::compile;
-    use robert_robot::Robot;
+    use robert_clip::{Command, compile};
+
+    #[test]
+    fn the_length_of_a_tendon_decides_between_equal_sums() {
+        let hand = Robot::builtin("shadow_hand").unwrap();
+        let [a, b] = ["FFJ2", "FFJ1"].map(|name| hand.joint_index(name).unwrap());
+        let names = hand.joints().iter().map(|j| j.name.clone()).collect();
+        let d = hand.state_dim();
+        let goal: Vec<f32> = (0..d).map(|j| if j == b { 1.2 } else { 0.0 }).collect();
+        let command = Command::from_dense(names, vec![0.0; d], goal, vec![true; d]).unwrap();
+        let (goals, judge) = (Goals::new(&command), Judge::of(&hand));
+        let error = |x: f64, y: f64| {
+            let mut reached = vec![0.0; d];
+            (reached[a], reached[b]) = (x, y);
+            (judge.error_at(&goals, &reached, 0), Judge::default().error_at(&goals, &reached, 0))
+        };
+        let (half, hardly) = (error(0.6, 0.6), error(0.15, 0.15));
+        assert!((half.1 - hardly.1).abs() < 1e-6 && (half.0 - half.1).abs() < 1e-6);
+        assert!((hardly.0 - hardly.1 - TIES * 0.9).abs() < 1e-6, "{hardly:?}");
+    }
 
     #[test]
     fn a_strict_judge_counts_the_frames_of_a_jam_five_times() {
@@ -98,7 +152,7 @@ mod tests {
         let config = RolloutConfig::default();
         let mut rollout = Rollout::new(&robot, pd, &command, Start::Pose, config).unwrap();
         rollout.run(&Cancel::default()).unwrap();
-        let usual = Judge::default().score(&rollout).unwrap();
+        let usual = Judge::of(&robot).score(&rollout).unwrap();
         let jam = Off { joint: 1, from: 10, to: 40 };
         let goals = rollout.goals();
         let error = |f: usize| (rollout.reached()[2 * f + 1] - goals.row(f)[1]).abs();

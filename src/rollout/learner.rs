@@ -427,7 +427,7 @@ mod tests {
             (before, learner)
         };
         let ((passes, gaps), learner) = search(1);
-        let least = Judge::default().score(learner.best().unwrap()).unwrap();
+        let least = Judge::of(&robot).score(learner.best().unwrap()).unwrap();
         assert!(least < passes, "{least} {passes}");
         assert!(learner.lead().gaps <= learner.natural.max(gaps), "motion in gaps stays natural");
         let (_, on_three) = search(3);
