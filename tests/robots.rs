@@ -324,9 +324,8 @@ fn the_motors_of_a_linkage_carry_the_rods_without_motors() {
     robot.write_state(&mut data, &home).unwrap();
     let held = Gravity::of(&robot).unwrap().unwrap().at(data.qpos()).unwrap().to_vec();
     let of = |name: &str| held[robot.joints()[robot.joint_index(name).unwrap()].dofadr];
-    assert!(of("b") == 0.0 && of("d") == 0.0, "nothing acts on the rods: {held:?}");
-    assert!((of("a") + of("c")).abs() < 1e-6, "the robot is its own mirror image: {held:?}");
-    assert!(of("a").abs() > 0.1, "{held:?}");
+    // The weight of the rods alone would ask for .194 of each motor.
+    assert!((of("a") - 0.748).abs() < 1e-3 && (of("c") + 0.748).abs() < 1e-3, "{held:?}");
     let before = robot.state(&data);
     data.set_qfrc_applied(&held).unwrap();
     data.step(200).unwrap();

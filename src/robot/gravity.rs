@@ -2,7 +2,8 @@
 
 use std::sync::Arc;
 
-use super::{Error, Loops, Robot};
+use super::loops::{has_loops, transmission};
+use super::{Error, Robot};
 use robert_mujoco::Data;
 
 /// The torque that compensates the robot's weight.
@@ -11,8 +12,8 @@ pub struct Gravity {
     /// The nominal model without contacts.
     data: Data,
     force: Vec<f64>,
-    /// What transmits the weight of joints without actuators, if anything does.
-    loops: Option<Loops>,
+    /// Whether constraints transmit the weight of joints without actuators.
+    loops: bool,
 }
 
 impl Gravity {
@@ -26,11 +27,13 @@ impl Gravity {
         if *model.gravity() == [0.0; 3] && !springs {
             return Ok(None);
         }
+        let loops = has_loops(model);
         let mut model = model.duplicate()?;
         model.set_contacts(false);
+        model.set_dense_jacobians();
         let data = Data::new(&Arc::new(model))?;
         let force = vec![0.0; robot.model().nv()];
-        Ok(Some(Gravity { data, force, loops: Loops::of(robot)? }))
+        Ok(Some(Gravity { data, force, loops }))
     }
 
     /// Joint forces that hold this pose still, N m or N; (nv). `qpos` is (nq). In a robot with
@@ -43,8 +46,8 @@ impl Gravity {
         self.data.forward()?;
         let forces = self.data.qfrc_bias().iter().zip(self.data.qfrc_passive());
         self.force.iter_mut().zip(forces).for_each(|(to, (bias, passive))| *to = bias - passive);
-        if let Some(loops) = &mut self.loops {
-            loops.transmit(qpos, &mut self.force)?;
+        if self.loops {
+            transmission(&self.data)?.apply(&mut self.force);
         }
         Ok(&self.force)
     }

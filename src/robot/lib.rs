@@ -46,7 +46,7 @@ pub use derive::derive;
 pub use error::Error;
 pub use gravity::Gravity;
 pub use law::Law;
-pub use loops::Loops;
+pub use loops::{Loops, Transmission};
 pub use plant::{PlantConfig, PlantRange};
 pub use position_servo::PositionServo;
 pub use profile::{

@@ -4,8 +4,9 @@
 //! should contain the *settled* pose, so that the error of a policy is not the error of the
 //! drawing. The drive is proportional with damping, in joint space, and compensates the model's
 //! gravity and Coriolis forces at every simulator step; position servos are led at the speed of the
-//! joints. A stiff hold at 20 Hz would ring on the
-//! finger joints, whose time constant is 6 ms.
+//! joints, and slowed down like motors, because a servo with little damping would swing for longer
+//! than the drive lasts. A stiff hold at 20 Hz would ring on the finger joints, whose time constant
+//! is 6 ms.
 
 use super::{Error, Law, Loops, Robot};
 use robert_base::units::{CTRL_DT, SUBSTEPS};
@@ -129,8 +130,9 @@ impl Drive {
             pull[joint.dofadr] = settle.kp[i] * (self.target[i] - q) + brake[joint.dofadr];
         }
         if let Some(loops) = &mut self.loops {
+            let transmission = loops.at(data.qpos())?;
             for torque in [&mut load, &mut pull, &mut brake] {
-                loops.transmit(data.qpos(), torque.as_mut_slice())?;
+                transmission.apply(torque.as_mut_slice());
             }
         }
         let moment = DMatrix::from_row_slice(nu, nv, data.actuator_moment());

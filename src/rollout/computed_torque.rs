@@ -9,7 +9,8 @@
 //!
 //! Contact forces are left out of the inverse dynamics. A law that cancels them answers with full
 //! torque and pushes a finger through the palm (error 0.14 rad on rock-scissor-paper, 0.06
-//! without). Dry friction and stops are included.
+//! without). Dry friction and stops are included. Equality constraints are left out, too: what they
+//! carry is transmitted to the motors ([`Loops`]).
 //!
 //! Rejected: gains for each joint alone. On the arm the joints are coupled through the inertia
 //! matrix M, and such gains make it oscillate by 0.03 rad.
@@ -161,7 +162,7 @@ impl Policy for ComputedTorque {
         data.inverse()?;
         self.torque.copy_from_slice(data.qfrc_inverse());
         if let Some(loops) = &mut self.loops {
-            loops.transmit(&view.state.qpos, &mut self.torque)?;
+            loops.at(&view.state.qpos)?.apply(&mut self.torque);
         }
         self.actuation.action(&self.torque, &view.state.qpos, &view.state.qvel, action);
         Ok(())

@@ -56,7 +56,7 @@ pub enum Error {
         hint: String,
     },
     /// The clip has no frames to roll out.
-    #[error("the clip has {frames} frames; a rollout needs at least 2")]
+    #[error("the clip has {frames} {}; a rollout needs at least 2", if *frames == 1 { "frame" } else { "frames" })]
     TooShort {
         /// Its length.
         frames: usize,

@@ -74,6 +74,14 @@ fn nothing_to_say_about_a_good_clip() {
 }
 
 #[test]
+fn a_single_frame_is_no_motion() {
+    let mut c = clip(vec![Key::new(0, &[0.0; 3])]);
+    c.length = 1;
+    let lints = found(&c);
+    assert_eq!((lints[0].rule, lints[0].level), (Rule::Empty, Level::Error));
+}
+
+#[test]
 fn limits_speeds_and_couplings() {
     let keys = vec![Key::new(0, &[0.0; 3]).held(20), Key::new(40, &[0.5, 0.5, 2.5]).held(20)];
     let lints = fixes(&clip(keys), Rule::JointLimit);

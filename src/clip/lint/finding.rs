@@ -45,7 +45,7 @@ pub enum Rule {
     Unreachable,
     /// A key that a mask hides, or a hold that is cut short.
     Hidden,
-    /// No key at all.
+    /// No key at all, or a single frame.
     Empty,
 }
 

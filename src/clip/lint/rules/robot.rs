@@ -60,5 +60,9 @@ impl Finder<'_> {
             let message = "the clip has no keys, so it commands nothing".to_owned();
             whole(Level::Info, Rule::Empty, message, "/keys", vec![]);
         }
+        if clip.length < 2 {
+            let message = "the clip has one frame; a rollout needs at least 2".to_owned();
+            whole(Level::Error, Rule::Empty, message, "/length", vec![]);
+        }
     }
 }
