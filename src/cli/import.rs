@@ -38,7 +38,7 @@ pub(super) struct ModelFlags {
     packages: Vec<String>,
     /// The robot's id [default: the folder's name].
     #[arg(long)]
-    id: Option<String>,
+    pub(super) id: Option<String>,
     /// Fix a floating base in place.
     #[arg(long)]
     fixed_base: bool,

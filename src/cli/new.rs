@@ -154,6 +154,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let resume = places.data.exists();
     let collected = collect(&robot, &config, &places.data, resume, threads, &bar, &cancel);
     bar.finish();
+    // A stop is an error of the collection, which names an option that this command does not have.
     if collected.is_err() {
         go_on(&cancel)?;
     }
@@ -211,21 +212,31 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
 
 /// Refuses to go on in the folder of another model, or of one that was imported with other options.
 fn same_source(args: &Args) -> Outcome {
-    let real = |path: &Path| path.canonicalize().ok();
-    // The folder itself stands for what is in it.
-    if args.file.is_dir() && real(&args.file) == real(&args.out) {
+    let Some(there) = mark_in(&args.out)? else { return Ok(()) };
+    let (file, out) = (args.file.display(), args.out.display());
+    let folder = args.out.canonicalize().ok();
+    // The folder itself, or a file in it, stands for what is in it.
+    if let (Ok(source), Some(folder)) = (args.file.canonicalize(), folder)
+        && source.starts_with(&folder)
+    {
         return Ok(());
     }
-    let asked = mark(&args.model.plan(&args.file, &args.out)?)?;
-    match mark_in(&args.out)? {
-        Some(there) if there != asked => {
-            let (file, out) = (args.file.display(), args.out.display());
-            Err(Failure::invalid(format!(
-                "{out} was made from another model than {file}, or with other options: choose another --out, or go on with the robot that is there by `robert new {out} --out {out}`"
-            )))
-        }
-        _ => Ok(()),
+    if args
+        .model
+        .id
+        .as_ref()
+        .is_some_and(|id| Robot::from_folder(&args.out).is_ok_and(|r| r.id() != id))
+    {
+        return Err(Failure::invalid(format!(
+            "the robot in {out} has another id; choose another --out"
+        )));
     }
+    if mark(&args.model.plan(&args.file, &args.out)?)? == there {
+        return Ok(());
+    }
+    Err(Failure::invalid(format!(
+        "{out} was made from another model than {file}, or with other options: choose another --out, or go on with the robot that is there by `robert new {out} --out {out}`"
+    )))
 }
 
 /// The one of these policies with the smallest error on the trial clips of all seeds; of several

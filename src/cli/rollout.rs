@@ -59,9 +59,13 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     if OTHERS.iter().any(|other| extension.eq_ignore_ascii_case(other)) {
         let (clip, file) = (&args.clip, args.out.as_deref().unwrap_or(Path::new("")));
         return Err(Failure::usage(format!(
-            "--out writes a take (MCAP); for {} see `robert render {clip} -o {}`, `robert export {clip} --to ...` and --csv",
-            extension.display(),
+            "--out writes a take (MCAP), not {}: {}",
             file.display(),
+            match extension.to_string_lossy().to_lowercase().as_str() {
+                "csv" => "use --csv for the reached motion".to_owned(),
+                "html" => format!("use `robert export {clip} --to html`"),
+                _ => format!("use `robert render {clip} -o {}`", file.display()),
+            }
         )));
     }
     motion::may_write(&args.clip, args.out.as_deref())?;

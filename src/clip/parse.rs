@@ -238,9 +238,17 @@ fn read(text: &str) -> Read<Clip> {
 /// Checked first: a newer format may differ everywhere, so the error must not be about one of its
 /// unknown keys.
 fn check_format(text: &str) -> Read<()> {
-    let at = locate(text, "/format");
-    let tail = text.get(at..).unwrap_or_default();
-    let mut r = Reader::new(tail);
+    let mut found = None;
+    // Nothing behind it is read here; usually it comes first.
+    let to_it = Reader::new(text).object("a clip (an object)", |r, key, at| {
+        if key != "format" {
+            return r.skip();
+        }
+        found = Some(r.here());
+        r.fault(at, "found")
+    });
+    let (Some(at), Err(_)) = (found, to_it) else { return Ok(()) };
+    let mut r = Reader::new(text.get(at..).unwrap_or_default());
     if r.kind() != Kind::String {
         return Ok(());
     }

@@ -1,7 +1,7 @@
 //! `auto`: chooses the policy by simulation.
 //!
-//! Every contender performs the clip: the learned policies and proportional control, with and
-//! without smooth motion planned through the gaps. No policy is best everywhere (contact,
+//! Every contender performs the clip: the learned policies, proportional control and, on robots that
+//! are not the program's, computed torque, with and without smooth motion planned through the gaps. No policy is best everywhere (contact,
 //! unreachable poses), and a rollout takes a fraction of a second. The best ones then repeat the
 //! clip and correct their goals by what they missed ([`super::ilc`]). If joints still stay away, the
 //! nearest one follows the path of a planner and searches for detours ([`super::learner`]). The
@@ -344,6 +344,13 @@ pub(super) fn differing(all: &[&PolicyConfig], goals: &Goals) -> Vec<usize> {
     (0..all.len()).filter(|&at| goals.has_gaps() || !repeats(all[at])).collect()
 }
 
+/// Whether the robot is one of the program's; a folder may have the id of one.
+fn is_builtin(robot: &Robot) -> bool {
+    let own = Robot::builtin_ids().find(|id| *id == robot.id());
+    own.and_then(|id| Robot::builtin(id).ok())
+        .is_some_and(|own| own.model_sha256() == robot.model_sha256())
+}
+
 /// The list of contenders. With a model: the network alone, with smooth motion through the gaps,
 /// and filling the gaps itself; the linear prediction and proportional control, alone and with
 /// smooth motion. For a robot of the user's own, and without a model: policies that need no data. For a
@@ -379,7 +386,7 @@ pub(super) fn configs(robot: &Robot, asked: &PolicyConfig) -> Result<Vec<PolicyC
         }
     }
     // A robot of the user's own has no other policy before `robert new`, and should not lose it.
-    if list.is_empty() || Robot::builtin_ids().all(|id| id != robot.id()) {
+    if list.is_empty() || !is_builtin(robot) {
         list.extend(each(plain(PolicyName::ComputedTorque)));
     }
     list.extend(each(plain(PolicyName::Pd)));

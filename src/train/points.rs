@@ -84,7 +84,7 @@ impl<'a> Points<'a> {
     pub fn finished(&self, index: usize) -> Result<Option<Reached>, Error> {
         let (seed, values) = self.at(index);
         let sha = self.data(index)?.manifest().sha256();
-        finished(&self.dir(index), &self.sweep.config(values, seed)?, &sha)
+        finished(&self.dir(index), &self.sweep.config(values, seed)?, self.sweep.evaluations, &sha)
     }
 
     /// The points that are not done. All views of the data exist afterwards, so that several processes
@@ -174,7 +174,12 @@ fn claim(out: &Path, sha256: &str) -> Result<(), Error> {
 }
 
 /// The result of a finished point; refuses one of other settings or data.
-fn finished(dir: &Path, cfg: &TrainConfig, sha: &str) -> Result<Option<Reached>, Error> {
+fn finished(
+    dir: &Path,
+    cfg: &TrainConfig,
+    evaluations: u64,
+    sha: &str,
+) -> Result<Option<Reached>, Error> {
     let path = dir.join("result.json");
     if !path.exists() {
         return Ok(None);
@@ -184,7 +189,7 @@ fn finished(dir: &Path, cfg: &TrainConfig, sha: &str) -> Result<Option<Reached>,
     let Ok(reached) = serde_json::from_slice::<Reached>(&bytes) else {
         return refuse("the result is damaged; remove it to measure the point again");
     };
-    if read_config(dir)? != *cfg {
+    if read_config(dir)? != *cfg || reached.evaluations != evaluations {
         return refuse("the point was trained with other settings; choose another --out");
     }
     if reached.dataset_sha256 != sha {

@@ -151,6 +151,9 @@ pub struct Reached {
     pub dataset_sha256: String,
     /// Windows learned from.
     pub windows: u64,
+    /// Evaluations of which the best model was chosen; with 0 it is the last.
+    #[serde(default, skip_serializing_if = "none")]
+    pub evaluations: u64,
     /// Mean Precision by suite; `None` if a rollout diverged.
     pub suites: BTreeMap<String, Option<f64>>,
     /// Held-out action error, next frame known and away from stops and contact.
@@ -427,7 +430,8 @@ impl Point<'_> {
         if done.interrupted || work.cancel.is_cancelled() {
             return Ok(None);
         }
-        let suites = match perform_suites(robot, dir, suites, work) {
+        let model = if evaluations > 0 { paths::best(dir) } else { paths::model(dir) };
+        let suites = match perform_suites(robot, model, suites, work) {
             // Interrupted; the next call evaluates the point.
             Err(_) if work.cancel.is_cancelled() => return Ok(None),
             found => found?,
@@ -437,6 +441,7 @@ impl Point<'_> {
             seed,
             dataset_sha256: data.manifest().sha256(),
             windows: cfg.steps * cfg.batch as u64,
+            evaluations,
             suites,
             nmse_clear: done.held_out.and_then(|h| h.nmse_clear),
             secs: Some(done.secs),
@@ -468,15 +473,14 @@ pub fn suites_of(sweep: &Sweep, robot: &Arc<Robot>, data: &Dataset) -> Result<Ve
     Ok(suites)
 }
 
-/// The model of a point on all suites: the best of its evaluations if there were any, else the last.
+/// A model on all suites.
 fn perform_suites(
     robot: &Arc<Robot>,
-    dir: &Path,
+    model: PathBuf,
     suites: &[Suite],
     work: &Work<'_>,
 ) -> Result<BTreeMap<String, Option<f64>>, Error> {
-    let best = Some(paths::best(dir)).filter(|best| best.is_file());
-    let model_path = best.or_else(|| Some(paths::model(dir)));
+    let model_path = Some(model);
     let config = EvalConfig {
         policies: vec![PolicyConfig { model_path, ..PolicyConfig::new(PolicyName::Robert) }],
         plant: PlantRange::default(),
@@ -668,6 +672,7 @@ mod tests {
             seed,
             dataset_sha256: String::new(),
             windows: 1,
+            evaluations: 0,
             suites: [("manual".to_owned(), p)].into(),
             nmse_clear: Some(0.1),
             secs: Some(1.0),

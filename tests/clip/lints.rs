@@ -112,15 +112,20 @@ fn a_clip_in_degrees_is_read_as_a_whole() {
     c.start = Some(Start::Q(vec![0.0, 0.0, 9.0]));
     let lints: Vec<_> = found(&c).into_iter().filter(|l| l.rule == Rule::JointLimit).collect();
     assert_eq!(lints.len(), 3);
-    for lint in &lints {
-        assert!(lint.message.contains("are these degrees?"), "{}", lint.message);
-        assert_eq!(lint.fixes[0].title, "Read 3 poses as degrees");
-        let next = edited(&c, &lint.fixes[0].op, Some(&table())).unwrap();
-        assert!(!rules(&next).contains(&Rule::JointLimit));
-        let third = |k: usize| compile(&next).unwrap().row([39, 59][k])[2];
-        assert_eq!([third(0), third(1)], [0.349_066, 0.349_066]);
-        assert_eq!(next.start, Some(Start::Q(vec![0.0, 0.0, 0.157_08])));
-    }
+    assert!(lints.iter().all(|lint| lint.message.contains("are these degrees?")), "{lints:?}");
+    let offered: Vec<_> =
+        lints.iter().flat_map(|l| &l.fixes).filter(|f| f.title.starts_with("Read")).collect();
+    assert_eq!((offered.len(), offered[0].title.as_str()), (1, "Read 3 poses as degrees"));
+    let next = edited(&c, &offered[0].op, Some(&table())).unwrap();
+    assert!(!rules(&next).contains(&Rule::JointLimit));
+    let third = |k: usize| compile(&next).unwrap().row([39, 59][k])[2];
+    assert_eq!([third(0), third(1)], [0.349_066, 0.349_066]);
+    assert_eq!(next.start, Some(Start::Q(vec![0.0, 0.0, 0.157_08])));
+    // A recording in degrees has a finding for each frame, and one edit for all of them.
+    let mut long = clip((0..3000).map(|f| Key::new(f, &[30.0, 30.0, 20.0])).collect());
+    long.length = 3000;
+    let size: usize = found(&long).iter().map(|l| serde_json::to_vec(l).unwrap().len()).sum();
+    assert!(size < 3 << 20, "{size} bytes");
     // A pose that is possible as it is stays.
     let c = clip(vec![Key::new(0, &[0.0, 0.0, 1.5]), Key::new(39, &[30.0, 30.0, 20.0])]);
     let lints = fixes(&c, Rule::JointLimit);
@@ -141,6 +146,13 @@ fn the_way_from_the_start_to_the_first_key_is_as_slow_as_any() {
         (Some([0, 9]), &["J3".to_owned()][..])
     );
     assert_eq!(lints[0].fixes[0].title, "Allow 7 more frames before frame 8");
+    assert!(lints[0].fixes.iter().any(|f| f.title.starts_with("Slow")), "{lints:?}");
+    // A key at frame 0 that is held and is not where the robot begins.
+    let mut c = clip(vec![Key::new(0, &[0.0, 0.0, 0.3]).held(20), Key::new(39, &[0.0; 3])]);
+    c.start = Some(Start::Q(vec![0.0; 3]));
+    let lints = fixes(&c, Rule::JointSpeed);
+    assert_eq!(lints[0].fixes.len(), 1);
+    assert_eq!(lints[0].fixes[0].title, "Allow 3 more frames before frame 0");
 }
 
 #[test]

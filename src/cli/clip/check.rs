@@ -211,7 +211,7 @@ fn lines(report: &FileReport, all: bool) -> Vec<String> {
     }
     if !report.robot_known {
         let why = Robot::load(&report.robot).err().map(|e| format!(": {e}")).unwrap_or_default();
-        lines.push(format!("{path}: limits and speeds were not checked{why}"));
+        lines.push(format!("{path}: warning: limits and speeds were not checked{why}"));
     }
     let mut said: Vec<(Level, Rule)> = Vec::new();
     for placed in &report.lints {

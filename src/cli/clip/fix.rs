@@ -1,4 +1,5 @@
-//! `robert clip check --fix`: applies the first fix of each finding and reports the changes.
+//! `robert clip check --fix`: applies fixes as long as each leaves fewer findings, and reports the
+//! changes.
 
 use std::cmp::Ordering;
 
@@ -38,7 +39,8 @@ pub(super) struct Fixed {
     /// A fix that was not applied, because the clip would become too long.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub left_out: Option<String>,
-    /// Findings with fixes of which none was applied, because it would lead to others.
+    /// Findings with fixes of which none was applied, because it would lead to others, or change the
+    /// timing.
     pub kept: usize,
 }
 
@@ -49,7 +51,10 @@ impl Fixed {
 
     /// The lines to print about the fixes.
     pub(super) fn lines(&self) -> Vec<String> {
-        let mut lines = vec![format!("fixed {}", self.count())];
+        let mut lines = match self.count() {
+            0 => vec!["nothing was fixed".to_owned()],
+            n => vec![format!("fixed {n}")],
+        };
         lines.extend(self.fixes.iter().take(SAID).map(|(title, n)| match n {
             1 => format!("    {title}"),
             n => format!("    {title} ({n} times)"),
@@ -76,8 +81,8 @@ impl Fixed {
         }
         match self.kept {
             0 => {}
-            1 => lines.push("    left: one finding, because its fixes lead to others".to_owned()),
-            n => lines.push(format!("    left: {n} findings, because their fixes lead to others")),
+            1 => lines.push("    one finding with a suggested fix is left".to_owned()),
+            n => lines.push(format!("    {n} findings with suggested fixes are left")),
         }
         if self.goals[1] < self.goals[0] {
             lines.push(format!(

@@ -55,7 +55,8 @@ fn quoted(text: &str) -> String {
 /// The character between cells: that of the header, which names at least one joint.
 fn delimiter(text: &str) -> u8 {
     let lines = text.lines().filter(|l| !l.trim().is_empty() && !l.starts_with('#'));
-    let header = lines.take(1).next().unwrap_or_default();
+    // Names in quotes may contain any of them.
+    let header: String = lines.take(1).flat_map(|l| l.split('"').step_by(2)).collect();
     match () {
         () if header.contains(',') => b',',
         () if header.contains(';') => b';',
@@ -80,6 +81,8 @@ pub fn from_csv(bytes: &[u8], robot: Option<&RobotRef>, fill: Fill) -> Result<Cl
     let text = utf8(bytes.to_vec())?;
     let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
     let delimiter = delimiter(text);
+    // A file with points has no decimal commas: 1,234 would be a thousand times too small.
+    let decimal_comma = delimiter != b',' && !text.lines().skip(1).any(|line| line.contains('.'));
     let mut reader = ::csv::ReaderBuilder::new()
         .delimiter(delimiter)
         .trim(::csv::Trim::All)
@@ -99,7 +102,7 @@ pub fn from_csv(bytes: &[u8], robot: Option<&RobotRef>, fill: Fill) -> Result<Cl
             let cap = limits::CLIP_VALUES;
             return Err(ClipError::at(format!("more than {cap} values"), line, 1));
         }
-        let number = |column: usize| number(&record, line, column, delimiter != b',');
+        let number = |column: usize| number(&record, line, column, decimal_comma);
         let mut row: Row = vec![None; dim];
         let hidden = match head.mask {
             Some(column) => flag(&record, line, column)?,
@@ -258,8 +261,12 @@ mod tests {
         {
             assert_eq!(from_csv(text.as_bytes(), None, Fill::Mask).unwrap(), plain, "{text}");
         }
-        let e = from_csv(b"frame;a\n0;1,2,3\n", None, Fill::Mask).unwrap_err().to_string();
-        assert!(e.contains("\"1,2,3\" is not a number"), "{e}");
+        for text in ["frame;a\n0;1,2,3\n", "frame\ta\tb\n0\t1,234\t0.5\n"] {
+            let e = from_csv(text.as_bytes(), None, Fill::Mask).unwrap_err().to_string();
+            assert!(e.contains("is not a number"), "{e}");
+        }
+        let named = from_csv(b"frame;\"x, left\"\n0;1\n", None, Fill::Mask).unwrap();
+        assert_eq!(named.robot.joints, ["x, left"]);
     }
 
     #[test]

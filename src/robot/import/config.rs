@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 /// The source of an import, and its options.
 #[derive(Clone, Debug)]
@@ -85,7 +85,7 @@ pub enum Drives {
 }
 
 /// The imported robot, and everything that was dropped, assumed or changed.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct Report {
     /// The robot's id.
     pub id: String,
@@ -93,9 +93,7 @@ pub struct Report {
     pub folder: PathBuf,
     /// `urdf` or `mjcf`.
     pub format: String,
-    /// Sha-256 of the source's text, its files, and the options; see [`super::mark`]. Folders of
-    /// older versions have none.
-    #[serde(default)]
+    /// Sha-256 of the source's text, its files, and the options; see [`super::mark`].
     pub source_sha256: String,
     /// Numbers in a state.
     pub state_dim: usize,

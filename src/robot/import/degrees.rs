@@ -4,6 +4,7 @@
 use super::draft::Draft;
 use crate::derive::ctrlrange;
 use crate::law::Law;
+use crate::preparse::Format;
 use robert_mujoco::{Joint, Kind, Model, Transmission};
 
 /// A hinge with less room moves too little to be of use, rad.
@@ -14,7 +15,7 @@ const WIDE: f64 = 12.6;
 const NAMED: usize = 4;
 
 /// Adds the warnings.
-pub(super) fn check(draft: &mut Draft, model: &Model) {
+pub(super) fn check(draft: &mut Draft, model: &Model, format: Format) {
     let hinges: Vec<(usize, &str, [f64; 2])> = (0..model.jnt_type().len())
         .filter(|j| model.joint_type(*j) == Some(Joint::Hinge) && model.jnt_limited()[*j] != 0)
         .map(|j| {
@@ -32,8 +33,13 @@ pub(super) fn check(draft: &mut Draft, model: &Model) {
     let narrow: Vec<_> = hinges.iter().filter(|(_, _, [lo, hi])| hi - lo < NARROW).collect();
     if !narrow.is_empty() && narrow.len() == hinges.len() {
         draft.warnings.push(format!(
-            "no hinge turns by more than {NARROW} rad: {}; angles in MJCF are degrees unless the file has <compiler angle=\"radian\"/>",
-            list(&narrow)
+            "no hinge turns by more than {NARROW} rad: {}; {}",
+            list(&narrow),
+            match format {
+                Format::Mjcf =>
+                    "angles in MJCF are degrees unless the file has <compiler angle=\"radian\"/>",
+                Format::Urdf => "is this the right unit?",
+            }
         ));
     }
     let wide: Vec<_> =

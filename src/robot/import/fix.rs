@@ -295,15 +295,16 @@ fn motor(
     Some(Motor { name, attribute, target, gear, limit, servo: None, force: None })
 }
 
-/// `mjGAIN_MUSCLE`.
+/// `mjGAIN_FIXED` and `mjGAIN_MUSCLE`.
+const FIXED: i32 = 0;
 const MUSCLE: i32 = 2;
+/// `mjDYN_FILTER`.
+const FILTER: i32 = 2;
 
 /// What an actuator with dynamics is, and the forces that it reaches: a filter, such as the pressure
 /// of a cylinder, arrives at its control after a while. A muscle only pulls; the motor in its place
 /// pushes as well, because antagonists would otherwise fight each other.
 fn strength(model: &Model, a: usize) -> Option<(&'static str, [f64; 2])> {
-    const FIXED: i32 = 0; // mjGAIN_FIXED
-    const FILTER: i32 = 2; // mjDYN_FILTER
     let gain = &model.actuator_gainprm()[10 * a..10 * (a + 1)];
     let bias = &model.actuator_biasprm()[10 * a..10 * a + 3];
     match (model.actuator_gaintype()[a], model.actuator_dyntype()[a]) {

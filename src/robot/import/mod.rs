@@ -81,7 +81,7 @@ pub fn import(config: &ImportConfig) -> Result<Report, Error> {
         .map_err(write)?;
     let (model, xml) = settle_draft(&mut draft, &project, config, temp.path())?;
     plausible::check(&mut draft, &model)?;
-    degrees::check(&mut draft, &model);
+    degrees::check(&mut draft, &model, project.format);
     let profile = describe(&mut draft, &model, &id, config)?;
     write_files(temp.path(), &xml, &draft.assets, &profile)?;
     // The way every later command will take.
@@ -108,8 +108,8 @@ pub fn import(config: &ImportConfig) -> Result<Report, Error> {
     Ok(report)
 }
 
-/// Sha-256 of everything that the result of an import depends on: the source with its includes, its
-/// meshes, and the options.
+/// Sha-256 of everything that the result of an import depends on, but for the robot's id: the source
+/// with its includes, its meshes, and the options.
 ///
 /// # Errors
 /// As [`import`], unless they come from the simulator.
@@ -119,16 +119,34 @@ pub fn mark(config: &ImportConfig) -> Result<String, Error> {
 }
 
 fn mark_of(project: &preparse::Project, draft: &Draft, config: &ImportConfig) -> String {
-    let ImportConfig { fixed_base, base_height_m, effort, weld, without, servos, drives, .. } =
-        config;
-    let options = format!(
-        "{fixed_base} {base_height_m:?} {effort:?} {weld:?} {without:?} {servos:?} {drives:?}"
-    );
-    let mut parts = vec![options, fsio::sha256_hex(project.xml.as_bytes())];
+    let servos = match config.servos {
+        Servos::Keep => "keep",
+        Servos::Torque => "torque",
+    };
+    let drives = match config.drives {
+        Drives::Modelled => "modelled",
+        Drives::File => "file",
+    };
+    let mut parts = vec![
+        format!("text {}", fsio::sha256_hex(project.xml.as_bytes())),
+        format!("fixed base {}", config.fixed_base),
+        format!("base height {}", config.base_height_m),
+        format!("effort {}", config.effort.map_or_else(|| "sized".to_owned(), |e| e.to_string())),
+        format!("servos {servos}, drives {drives}"),
+    ];
+    parts.extend(config.weld.iter().map(|joint| format!("weld {joint}")));
+    parts.extend(config.without.iter().map(|body| format!("without {body}")));
     for (name, bytes) in &draft.assets {
-        parts.push(format!("{name} {}", fsio::sha256_hex(bytes)));
+        parts.push(format!("file {name} {}", fsio::sha256_hex(bytes)));
     }
     fsio::sha256_hex(parts.join("\n").as_bytes())
+}
+
+/// What [`mark_in`] reads of a report, whatever version wrote it.
+#[derive(serde::Deserialize)]
+struct Marked {
+    #[serde(default)]
+    source_sha256: Option<String>,
 }
 
 /// The [`mark`] of the import that made a robot's folder; `None` if an older version made it, or
@@ -142,11 +160,11 @@ pub fn mark_in(folder: &Path) -> Result<Option<String>, Error> {
         return Ok(None);
     }
     let bytes = fsio::read_capped(&path, limits::MODEL_BYTES)?;
-    let report: Report = serde_json::from_slice(&bytes).map_err(|e| Error::Unfit {
+    let report: Marked = serde_json::from_slice(&bytes).map_err(|e| Error::Unfit {
         message: format!("not a report of robert import: {e}"),
         path,
     })?;
-    Ok(Some(report.source_sha256).filter(|mark| !mark.is_empty()))
+    Ok(report.source_sha256)
 }
 
 /// The first step of an import: the model as an MJCF with plain file names, before it is compiled.

@@ -58,7 +58,7 @@ impl Finder<'_> {
         // A goal every 20 frames on the line to the next.
         let first = after.unwrap_or(0);
         let end = if to < self.command.frames() { to } else { first };
-        let wanted = |j| self.command.sees(end, j);
+        let wanted = |j| self.command.sees(end, j) || self.command.next_goal(end, j).is_some();
         let keys: Vec<Key> = (1..)
             .map(|i| first + i * LOOKAHEAD_FRAMES)
             .take_while(|f| *f < to)

@@ -27,15 +27,16 @@ impl Finder<'_> {
         let names = &self.clip.robot.joints;
         let facts: Vec<_> = names.iter().map(|name| (name, self.table.joint(name))).collect();
         let places = self.places();
-        let in_degrees = self.in_degrees(places.iter().chain(&start));
+        // The edit of all poses together is offered once, at the first of them.
+        let mut in_degrees = self.in_degrees(places.iter().chain(&start));
+        let evident = in_degrees.is_some();
         for place in places.iter().chain(&start) {
             let mut out = Vec::new();
             let mut words = Vec::new();
             for (j, ((name, joint), value)) in facts.iter().zip(place.row).enumerate() {
                 let Some(joint) = joint else { continue };
                 let (Some(v), Some([lo, hi])) = (*value, joint.range) else { continue };
-                // The grid of the document is 1e-6; a limit of pi/2 must accept 1.570796.
-                if v < lo - 1e-6 || v > hi + 1e-6 {
+                if !inside(joint, v) {
                     out.push((name.as_str(), j, joint.clamp(v)));
                     let unit = joint.unit.symbol();
                     words.push(format!("{name} {v} is outside {lo}..{hi} {unit}"));
@@ -47,12 +48,11 @@ impl Finder<'_> {
             let first = out.first().map_or(0, |o| o.1);
             let mut message = format!("{}: {}", place.who(), some_of(&words));
             let mut fixes = place.fix("Clamp to the limits", &out);
-            if let Some(read) = in_degrees.as_ref().filter(|_| degrees(self.turns(place)).is_some())
-            {
+            if evident && self.degrees(place).is_some() {
                 message.push_str(
                     "; clips are in rad: are these degrees? Then check the other poses too",
                 );
-                fixes.insert(0, read.clone());
+                fixes.splice(0..0, in_degrees.take());
             }
             self.push(Lint {
                 level: Level::Error,
@@ -67,13 +67,16 @@ impl Finder<'_> {
         }
     }
 
-    /// The hinges of a pose with their values as they are written.
-    fn turns<'p>(&'p self, place: &'p Place<'_>) -> impl Iterator<Item = Turn<'p>> {
+    /// The hinges of a pose, read as degrees: name, place and value in rad. `None` if one would be
+    /// outside of its range, or if the values were solved, which gives rad.
+    fn degrees(&self, place: &Place<'_>) -> Option<Vec<(&str, usize, f64)>> {
         let row = self.clip.robot.joints.iter().zip(place.row).enumerate();
-        row.filter_map(|(at, (name, value))| {
+        let hinges = row.filter_map(|(at, (name, value))| {
             let joint = self.table.joint(name).filter(|joint| joint.unit == Unit::Rad)?;
-            Some(Turn { name, at, joint, value: (*value)? })
-        })
+            Some((name.as_str(), at, joint, (*value)?.to_radians()))
+        });
+        let read = hinges.map(|(name, at, joint, q)| inside(joint, q).then_some((name, at, q)));
+        if place.is_solved { None } else { read.collect() }
     }
 
     /// The edit that reads poses as degrees: if one looks so, all poses that are outside of the
@@ -81,22 +84,22 @@ impl Finder<'_> {
     fn in_degrees<'p>(&self, places: impl Iterator<Item = &'p Place<'p>>) -> Option<Fix> {
         let (mut edits, mut evident) = (Vec::new(), false);
         for place in places {
-            let outside = |t: Turn<'_>| {
-                t.joint.range.is_some_and(|[lo, hi]| !(lo - 1e-6..=hi + 1e-6).contains(&t.value))
+            let Some(read) = self.degrees(place) else { continue };
+            let written = |at: usize| place.row.get(at).copied().flatten().unwrap_or(0.0);
+            let fits = |(name, at, _): &(&str, usize, f64)| {
+                self.table.joint(name).is_none_or(|joint| inside(joint, written(*at)))
             };
-            if !self.turns(place).any(outside) {
+            if read.iter().all(fits) {
                 continue;
             }
-            let Some(read) = degrees(self.turns(place)) else { continue };
-            evident |= read.iter().filter(|(_, _, _, value)| value.abs() > TURNS).count() >= 2;
-            let values: Vec<_> = read.iter().map(|(name, at, q, _)| (*name, *at, *q)).collect();
-            match (place.pointer.as_str(), &self.clip.start) {
-                ("/start/q", Some(Start::Q(q))) => {
+            evident |= read.iter().filter(|(_, at, _)| written(*at).abs() > TURNS).count() >= 2;
+            match (&self.clip.start, place.pose, place.frames.first()) {
+                (Some(Start::Q(q)), None, None) => {
                     let mut q = q.clone();
-                    values.iter().for_each(|(_, at, value)| q[*at] = round(*value));
+                    read.iter().for_each(|(_, at, value)| q[*at] = round(*value));
                     edits.push(Op::ClipStart(ClipStart { start: Some(Start::Q(q)) }));
                 }
-                _ => edits.extend(place.fix("", &values).into_iter().map(|fix| fix.op)),
+                _ => edits.extend(place.fix("", &read).into_iter().map(|fix| fix.op)),
             }
         }
         let title = match edits.len() {
@@ -114,26 +117,8 @@ impl Finder<'_> {
     }
 }
 
-/// A hinge of a pose.
-struct Turn<'a> {
-    name: &'a str,
-    /// Its place in the row.
-    at: usize,
-    joint: &'a JointFacts,
-    /// As it is written, rad or by mistake degrees.
-    value: f64,
-}
-
-/// The name and place of each hinge, its value in rad if it is written in degrees, and the value as
-/// it is written.
-type Read<'a> = Vec<(&'a str, usize, f64, f64)>;
-
-/// The hinges of a pose, read as degrees; `None` if they would be outside of their ranges.
-fn degrees<'a>(turns: impl Iterator<Item = Turn<'a>>) -> Option<Read<'a>> {
-    let each = |Turn { name, at, joint, value }: Turn<'a>| {
-        let [lo, hi] = joint.range.unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
-        let q = value.to_radians();
-        (lo - 1e-6..=hi + 1e-6).contains(&q).then_some((name, at, q, value))
-    };
-    turns.map(each).collect()
+/// Whether a value is in the range of a joint. The grid of the document is 1e-6; a limit of pi/2 must
+/// accept 1.570796.
+fn inside(joint: &JointFacts, value: f64) -> bool {
+    joint.range.is_none_or(|[lo, hi]| (lo - 1e-6..=hi + 1e-6).contains(&value))
 }

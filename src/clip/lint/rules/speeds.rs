@@ -91,11 +91,14 @@ impl Finder<'_> {
         let next = keys.partition_point(|k| k.frame < to);
         let index = keys.partition_point(|k| k.frame <= from).saturating_sub(1);
         let ratio = ratio * self.between_samples(from, to);
+        if let Some(jump) = self.jump(to, runs, ratio) {
+            return self.too_fast(from, to, joints, &words, vec![jump]);
+        }
         let mut fixes = Vec::from_iter(self.automatic(index, &joints));
         fixes.extend(self.softer(from, to, &joints, ratio));
-        // A typed slope stays as steep in a longer interval, and so does an offset.
         // The way to the first key begins at the start of the clip, and has no key before it.
         let key = keys.get(index).filter(|k| k.frame <= from);
+        // A typed slope stays as steep in a longer interval, and so does an offset.
         if let (Some(after), true) = (keys.get(next), fixes.is_empty())
             && next == key.map_or(0, |_| index + 1)
         {
@@ -134,16 +137,45 @@ impl Finder<'_> {
         if slowest {
             fixes.extend(self.slow_down(from, to, ratio));
         }
+        self.too_fast(from, to, joints, &words, fixes)
+    }
+
+    fn too_fast(
+        &self,
+        from: u32,
+        to: u32,
+        joints: Vec<String>,
+        words: &[String],
+        fixes: Vec<Fix>,
+    ) -> Lint {
+        let keys = &self.clip.keys;
+        let next = keys.partition_point(|k| k.frame < to);
         Lint {
             level: Level::Warning,
             rule: Rule::JointSpeed,
-            message: format!("too fast: {}", some_of(&words)),
+            message: format!("too fast: {}", some_of(words)),
             frames: Some([from, to + 1]),
             joints,
             pointer: format!("/keys/{}", next.min(keys.len().saturating_sub(1))),
             fixes,
             settled: None,
         }
+    }
+
+    /// The edit that gives time before a key at frame 0, if it is held and the robot begins
+    /// elsewhere.
+    fn jump(&self, to: u32, runs: &[Run], ratio: f64) -> Option<Fix> {
+        let key = self.clip.keys.first().filter(|k| k.frame == 0 && k.hold > 1)?;
+        let (start, first) = (self.command.start(), self.command.row(0));
+        let elsewhere = |run: &Run| run.from == 0 && start.get(run.joint) != first.get(run.joint);
+        if to >= key.hold || !runs.iter().any(elsewhere) {
+            return None;
+        }
+        // Poses are single precision here.
+        let frames = (ratio * (1.0 - 1e-6)).ceil().min(1e6) as u32;
+        let op = Op::TimeInsert(TimeInsert { at: 0, frames });
+        (self.clip.length + frames <= limits::CLIP_FRAMES)
+            .then(|| Fix { title: format!("Allow {} before frame 0", more(frames)), op })
     }
 
     /// The edit that makes typed slopes of these joints automatic, in the interval after key
@@ -173,20 +205,22 @@ impl Finder<'_> {
     fn slow_down(&self, from: u32, to: u32, ratio: f64) -> Option<Fix> {
         let clip = self.clip;
         let scaled = |frames: u32, factor: f64| (f64::from(frames) * factor).round();
+        let way = clip.keys.first().filter(|k| from == 0 && k.frame > 0).map_or(0, |k| k.frame);
         let enough = |factor: &f64| {
-            clip.keys.windows(2).enumerate().all(|(i, pair)| {
-                let [key, next] = pair else { return true };
-                let last = clip.hold_end(i).saturating_sub(1).max(key.frame);
-                if next.frame <= from || last >= to {
-                    return true;
-                }
-                if clip.fill_after(key) == Fill::Hold {
-                    return false; // a jump stays a jump
-                }
-                let held = scaled(key.frame, *factor) + scaled(last - key.frame, *factor);
-                let room = scaled(next.frame, *factor) - held;
-                room >= f64::from(next.frame - last) * ratio - 1e-6
-            })
+            scaled(way, *factor) >= f64::from(way) * ratio - 1e-6
+                && clip.keys.windows(2).enumerate().all(|(i, pair)| {
+                    let [key, next] = pair else { return true };
+                    let last = clip.hold_end(i).saturating_sub(1).max(key.frame);
+                    if next.frame <= from || last >= to {
+                        return true;
+                    }
+                    if clip.fill_after(key) == Fill::Hold {
+                        return false; // a jump stays a jump
+                    }
+                    let held = scaled(key.frame, *factor) + scaled(last - key.frame, *factor);
+                    let room = scaled(next.frame, *factor) - held;
+                    room >= f64::from(next.frame - last) * ratio - 1e-6
+                })
         };
         let fine = (ratio * 100.0).ceil() / 100.0;
         let tries = [fine, fine * 1.02, fine * 1.05, fine * 1.1, fine.ceil()];
