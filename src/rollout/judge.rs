@@ -24,7 +24,7 @@ const JAMS: f64 = 5.0;
 const GIVES: f64 = 0.03;
 
 /// Weight of the error of coupled joints together, beside their own: it only decides ties.
-const TIES: f64 = 0.05;
+const TIES: f64 = 0.01;
 
 /// The joints that one actuator moves together, and how far each.
 type Tie = Vec<(usize, f64)>;
