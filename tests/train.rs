@@ -383,6 +383,16 @@ fn a_sweep_with_evaluations_judges_the_best_model_of_each_run() {
     let ((last, without), (best, with)) = (of(0), of(6));
     assert!(best.unwrap() < last.unwrap_or(f64::INFINITY), "{best:?} {last:?}");
     assert!(without["sweep"]["evaluations"].is_null() && with["sweep"]["evaluations"] == 6);
+    let model = "robert:with-6/points/corrupt-0_mask-cl-uniform/seed-0/ckpt/best.safetensors";
+    let eval = ["eval", "--robot", "pointmass", "--suite", "manual", "--policy", model];
+    let (code, stdout, stderr) = call(dir, &[&eval[..], &["--no-floor", "--json"]].concat());
+    assert_eq!(code, 0, "{stderr}");
+    let found: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+    let precision = found["results"][0]["precision_mean"].as_f64();
+    assert!((precision.unwrap() - best.unwrap()).abs() < 1e-9, "{precision:?} {best:?}");
+    // Results of the last and of the best model do not mix.
+    let (code, _, stderr) = call(dir, &["sweep", "hot.toml", "--out", "with-0"]);
+    assert!(code == 3 && stderr.contains("other settings"), "{stderr}");
 }
 
 #[test]
