@@ -108,7 +108,7 @@ pub(super) fn transmission(data: &Data) -> Result<Transmission, Error> {
     let columns: Vec<f64> = moments.chain(constraints).collect();
     let all = DMatrix::from_column_slice(nv, nu + jacobian.len() / nv, &columns);
     let svd = SVD::try_new(all, true, true, f64::EPSILON, SWEEPS).ok_or(Error::Loops)?;
-    let inverse = svd.pseudo_inverse(LEAST).map_err(|_| Error::Loops)?;
+    let Ok(inverse) = svd.pseudo_inverse(LEAST) else { return Err(Error::Loops) };
     let own = DMatrix::from_column_slice(nv, nu, &columns[..nv * nu]);
     Ok(Transmission { part: own * inverse.rows(0, nu) })
 }
@@ -129,7 +129,9 @@ mod tests {
 
     /// Two cranks and two rods that meet in one point, with motors on these joints.
     fn linkage(motors: &[&str], axis: &str, connect: &str) -> Model {
-        let motors: String = motors.iter().map(|j| format!("<motor joint=\"{j}\"/>")).collect();
+        let motors: Vec<String> =
+            motors.iter().map(|j| format!("<motor joint=\"{j}\"/>")).collect();
+        let motors = motors.concat();
         let text = format!(
             r#"<mujoco><compiler angle="radian"/>
       <default><joint axis="0 1 0" damping=".2" armature=".01"/>
