@@ -122,7 +122,7 @@ fn mjcf_cases() -> Vec<Case> {
         case("keyframe.xml", with("<keyframe><key qpos=\"1 2 3\"/></keyframe>"), "key"),
         case(
             "muscle.xml",
-            good.replace("</actuator>", "<muscle joint=\"j\" lengthrange=\"1 1\"/></actuator>"),
+            good.replace("</actuator>", "<muscle joint=\"j\" range=\"1 .5\"/></actuator>"),
             "muscle.xml",
         ),
         case("texture.xml", with("<asset><texture name=\"t\" type=\"2d\" builtin=\"flat\" width=\"-4\" height=\"4\"/></asset>"), "texture"),

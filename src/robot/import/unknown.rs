@@ -30,8 +30,8 @@ pub(super) fn heal(draft: &mut Draft, error: &Error, path: &Path) -> Result<bool
     let Error::Checked { message, .. } = error else { return Ok(false) };
     // Only muscles need the range of their lengths, and they are replaced by motors.
     let none = "<compiler><lengthrange mode=\"none\"/></compiler>";
-    let lower = message.to_lowercase();
-    let ranges = lower.contains("lengthrange") || lower.contains("length range");
+    let ranges = ["lengthrange", "length range", "Lengthrange computation"];
+    let ranges = ranges.iter().any(|words| message.contains(words));
     if ranges && !draft.xml.contains(none) {
         draft.append(none, path)?;
         return Ok(true);
