@@ -344,13 +344,6 @@ pub(super) fn differing(all: &[&PolicyConfig], goals: &Goals) -> Vec<usize> {
     (0..all.len()).filter(|&at| goals.has_gaps() || !repeats(all[at])).collect()
 }
 
-/// Whether the robot is one of the program's; a folder may have the id of one.
-fn is_builtin(robot: &Robot) -> bool {
-    let own = Robot::builtin_ids().find(|id| *id == robot.id());
-    own.and_then(|id| Robot::builtin(id).ok())
-        .is_some_and(|own| own.model_sha256() == robot.model_sha256())
-}
-
 /// The list of contenders. With a model: the network alone, with smooth motion through the gaps,
 /// and filling the gaps itself; the linear prediction and proportional control, alone and with
 /// smooth motion. For a robot of the user's own, and without a model: policies that need no data. For a
@@ -386,7 +379,7 @@ pub(super) fn configs(robot: &Robot, asked: &PolicyConfig) -> Result<Vec<PolicyC
         }
     }
     // A robot of the user's own has no other policy before `robert new`, and should not lose it.
-    if list.is_empty() || !is_builtin(robot) {
+    if list.is_empty() || robot.folder().is_some() {
         list.extend(each(plain(PolicyName::ComputedTorque)));
     }
     list.extend(each(plain(PolicyName::Pd)));
