@@ -1807,7 +1807,7 @@ export type Rule =
   | "unreachable"
   /** A key that a mask hides, or a hold that is cut short. */
   | "hidden"
-  /** No key at all. */
+  /** No key at all, or a single frame. */
   | "empty";
 
 /** A training run on disk. */
