@@ -20,6 +20,7 @@ mod help;
 mod import;
 mod malformed;
 mod motion;
+mod new;
 mod parsers;
 mod pipes;
 mod refusals;

@@ -6,7 +6,7 @@ use clap::Args;
 #[derive(Args, Clone, Copy, Debug)]
 #[command(next_help_heading = "Global options")]
 pub(super) struct Global {
-    /// Print errors only.
+    /// Print results and errors only: no progress, notes or warnings.
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     pub(super) quiet: bool,
     /// Like --json, preceded by progress as JSON lines on stdout; for other programs.

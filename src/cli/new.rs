@@ -33,6 +33,7 @@ use crate::rollout::{
 use crate::train::evaluator::SuiteEvaluator;
 use crate::train::penalty::{self, Choice};
 use crate::train::read_config;
+use crate::train::record::Record;
 use crate::train::{ContactTarget, Evaluate, Options, TrainConfig, train};
 use crate::units::{Unit, count};
 
@@ -339,6 +340,7 @@ fn teach(
         let steps = args.minutes * 60.0 * PLANNED * tried.windows_per_sec / preset.batch as f64;
         TrainConfig { steps: (steps as u64).max(50), ..preset }
     };
+    let before = Record::read(&places.run).map_or(0, |run| run.step);
     let mut evaluator = evaluator(robot, threads)?;
     let bar = Bar::new("train", "steps", global.quiet);
     let evaluator = evaluator.as_mut().map(|j| j as &mut dyn Evaluate);
@@ -349,6 +351,12 @@ fn teach(
         let hint =
             format!("stopped at step {} of {}; the same command goes on", done.step, done.steps);
         return Err(Failure::with(crate::exit::Exit::Interrupted, hint));
+    }
+    if done.step == before {
+        tracing::warn!(
+            "{} had ended before, at step {before}, so nothing was trained; another --out trains longer",
+            places.run.display()
+        );
     }
     Ok(())
 }
