@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 use super::error::Error;
 use super::gaps::unnatural;
 use super::ilc::{self, Repeats};
+use super::ilqr::IlqrConfig;
 use super::learner::{Learner, RACERS, Stage};
 use super::policy::Policy;
 use super::registry::{Guide, Inference, PolicyConfig, PolicyName};
@@ -65,9 +66,9 @@ impl Trial {
 }
 
 impl Chosen {
-    /// Replaces the rollout by one of `policy` with corrected goals, if that is better.
+    /// Replaces the rollout by one of `policy`, usually with corrected goals, if that is better.
     fn adopt(&mut self, policy: &PolicyConfig, better: Rollout) {
-        let policy = PolicyConfig { ilc: true, ..policy.clone() };
+        let policy = PolicyConfig { ilc: better.shift().is_some(), ..policy.clone() };
         let trial = Trial::of(&policy, &better);
         if leads(&self.tried, &trial) {
             self.tried.push(trial);
@@ -103,6 +104,8 @@ pub struct Contenders {
     /// Whether the best one repeats the clip.
     learns: bool,
     list: Vec<(PolicyConfig, Mutex<Box<dyn Policy>>)>,
+    /// The planner whose path the best one may follow, and its place after the contenders.
+    planner: Option<(usize, PolicyConfig)>,
 }
 
 impl std::fmt::Debug for Contenders {
@@ -133,8 +136,9 @@ impl Contenders {
         let list = configs(robot, asked)?
             .into_iter()
             .map(|config| Ok((config.clone(), Mutex::new(config.build(robot)?))))
-            .collect::<Result<_, Error>>()?;
-        Ok(Contenders { robot: Arc::clone(robot), learns: learns(asked), list })
+            .collect::<Result<Vec<_>, Error>>()?;
+        let planner = planner(robot, asked).map(|config| (list.len(), config));
+        Ok(Contenders { robot: Arc::clone(robot), learns: learns(asked), list, planner })
     }
 
     /// Their number.
@@ -208,14 +212,14 @@ impl Contenders {
             Repeats::new((*at, &self.list[*at].0), first, fresh).ok()?
         };
         let racers = leaders(&tried).filter(|_| learns).filter_map(racer).collect();
-        let better = Learner::new(racers, threads)
+        let better = Learner::new(racers, self.planner.clone(), threads)
             .and_then(|learner| self.repeat(learner, again, progress, cancel));
         let performed = rollouts.iter().position(Option::is_some);
         let nearest = best(&tried).or(performed).and_then(|turn| rollouts.swap_remove(turn));
         let Some((at, rollout)) = nearest else { unreachable!("one has performed the clip") };
         let mut chosen = Chosen { policy: self.list[at].0.clone(), rollout, tried };
         if let Some((at, better)) = better {
-            chosen.adopt(&self.list[at].0, better);
+            chosen.adopt(self.policy(at), better);
         }
         Ok(chosen)
     }
@@ -237,7 +241,7 @@ impl Contenders {
                 progress.phase(learner.stage().title(), "frames");
             }
             let frames = (learner.frames() - began) as u64;
-            let own = PolicyConfig { ilc: true, ..self.list[learner.at()].0.clone() };
+            let own = PolicyConfig { ilc: true, ..self.policy(learner.at()).clone() };
             progress.tick(frames, frames + learner.frames_left() as u64, &own.label());
             // What was found until a stop counts.
             if cancel.is_cancelled() || !learner.step(&again) {
@@ -247,6 +251,14 @@ impl Contenders {
         let frames = (learner.frames() - began) as u64;
         progress.tick(frames, frames, "");
         learner.into_best()
+    }
+
+    /// The settings of a contender, or of the planner.
+    fn policy(&self, at: usize) -> &PolicyConfig {
+        match &self.planner {
+            Some((own, config)) if *own == at => config,
+            _ => &self.list[at].0,
+        }
     }
 
     /// A rollout of a contender at its beginning.
@@ -384,6 +396,15 @@ pub(super) fn configs(robot: &Robot, asked: &PolicyConfig) -> Result<Vec<PolicyC
     }
     list.extend(each(plain(PolicyName::Pd)));
     Ok(list)
+}
+
+/// The planner whose own motion may be chosen, if any policy may. On robots that it plans far ahead it
+/// sees a smooth motion through the gaps, because nothing else would make it move naturally there.
+pub(super) fn planner(robot: &Robot, asked: &PolicyConfig) -> Option<PolicyConfig> {
+    let free = asked.name == PolicyName::Auto && asked.guide == Guide::None;
+    let ahead = IlqrConfig::for_robot(robot).guide_weight == 0.0;
+    let guide = if ahead && free { Guide::Smooth } else { asked.guide };
+    (asked.name == PolicyName::Auto).then(|| PolicyConfig { guide, ..PolicyConfig::floor() })
 }
 
 #[cfg(test)]

@@ -3,7 +3,8 @@
 //! The best contenders repeat the clip and correct their goals ([`super::ilc`]). The nearest one goes
 //! on: if joints still stay away from their goals, or move unnaturally in a gap, it follows the path of
 //! a planner ([`super::planned`]), and then searches for detours ([`super::detour`]). If a joint still
-//! jams, it searches again under a strict judge ([`super::judge`]).
+//! jams, it searches again under a strict judge ([`super::judge`]). Where an error is left that could be
+//! seen, the planner's own motion counts as well, if it is clearly nearer.
 
 use super::detour::{self, Detours, Try};
 use super::error::Error;
@@ -12,6 +13,7 @@ use super::ilc::Repeats;
 use super::jam::{self, Off};
 use super::judge::Judge;
 use super::planned::{self, Planned};
+use super::registry::PolicyConfig;
 use super::run::Rollout;
 
 /// The number of checks of a search, and the share of the error that it must gain between two to go
@@ -22,6 +24,15 @@ const GAINS: f64 = 0.0005;
 pub(super) const RACERS: usize = 3;
 /// A search under a strict judge may simulate a share of the frames: one in so many.
 const STRICT: usize = 2;
+/// The score from which a planner performs the clip although every joint arrives, rad or m: smaller errors
+/// cannot be seen.
+const SEEN: f64 = 0.001;
+/// The share of the score that the planner's own motion must gain to be kept. Policies that learned go
+/// first.
+const CLEARLY: f64 = 0.1;
+/// The share that it must gain to be kept although the contenders move more naturally in gaps: a pole that
+/// stands is worth a jerk.
+const FAR_NEARER: f64 = 0.5;
 /// Tries of the search that are simulated at once, from the same motion. The number is fixed, so
 /// that the result does not depend on the number of threads.
 const AT_ONCE: usize = 4;
@@ -70,6 +81,10 @@ pub(super) struct Learner {
     /// rollouts for more.
     budget: usize,
     planned: Option<Planned>,
+    /// The contender that plans; `None` if its motion must not be chosen.
+    planner: Option<(usize, PolicyConfig)>,
+    /// The motion of the planner and its score, once the policy has followed it.
+    own: Option<(Rollout, f64)>,
     /// Frames at which joints are off their goals on the planner's path, once it is known.
     floor: Option<Vec<Off>>,
     /// The frames of the search under a strict judge; 0 once it has begun.
@@ -94,8 +109,12 @@ pub(super) struct Learner {
 
 impl Learner {
     /// A learner on `threads` threads, on whose number the result does not depend. `None` without a
-    /// racer.
-    pub(super) fn new(racers: Vec<Repeats>, threads: usize) -> Option<Learner> {
+    /// racer. `planner` is the contender whose policy is the planner, if its motion may be chosen.
+    pub(super) fn new(
+        racers: Vec<Repeats>,
+        planner: Option<(usize, PolicyConfig)>,
+        threads: usize,
+    ) -> Option<Learner> {
         let first = racers.iter().map(|r| r.least).fold(f64::INFINITY, f64::min);
         let natural = racers.iter().map(|r| r.gaps).fold(0.0, f64::max);
         (!racers.is_empty()).then(|| Learner {
@@ -104,6 +123,8 @@ impl Learner {
             natural,
             budget: 0,
             planned: None,
+            planner,
+            own: None,
             floor: None,
             strict: 0,
             detours: None,
@@ -163,23 +184,36 @@ impl Learner {
 
     /// The contender that leads.
     pub(super) fn at(&self) -> usize {
-        self.lead().at
+        match (self.own(), &self.planner) {
+            (Some(_), Some((at, _))) => *at,
+            _ => self.lead().at,
+        }
     }
 
     /// How often the contender that leads has found a better motion.
     pub(super) fn improvements(&self) -> usize {
-        self.lead().improvements
+        self.lead().improvements + usize::from(self.own().is_some())
     }
 
     /// The motion of the contender that leads, if it is better than the one from which it learned.
     pub(super) fn best(&self) -> Option<&Rollout> {
-        self.lead().best()
+        self.own().or_else(|| self.lead().best())
+    }
+
+    /// The planner's own motion, if it is clearly better.
+    fn own(&self) -> Option<&Rollout> {
+        let clearly = (1.0 - CLEARLY) * self.lead().least;
+        self.own.as_ref().filter(|(_, score)| *score < clearly).map(|(motion, _)| motion)
     }
 
     /// See [`Learner::best`], and the contender.
     pub(super) fn into_best(mut self) -> Option<(usize, Rollout)> {
+        let at = self.at();
+        if self.own().is_some() {
+            return self.own.map(|(motion, _)| (at, motion));
+        }
         let lead = self.racers.swap_remove(self.place());
-        Some((lead.at, lead.into_best()?))
+        Some((at, lead.into_best()?))
     }
 
     /// The place of the racer with the smallest error, the first among equals.
@@ -213,8 +247,11 @@ impl Learner {
         if lead.is_fast {
             self.budget = detour::budget(lead.trial.goals(), lead.trial.plan(), lead.best_states());
         }
-        if self.budget > 0 && planned::is_affordable(&lead.trial) {
-            self.planned = Planned::new(&lead.trial).ok();
+        let seen = lead.is_fast && self.planner.is_some() && lead.least > SEEN;
+        if (self.budget > 0 || seen) && planned::is_affordable(&lead.trial) {
+            let floor = PolicyConfig::floor();
+            let config = self.planner.as_ref().map_or(&floor, |(_, config)| config);
+            self.planned = Planned::new(&lead.trial, config).ok();
         }
         self.racers = vec![lead];
         self.planned.is_some()
@@ -252,11 +289,22 @@ impl Learner {
         }
     }
 
+    /// The planner's own motion with its score, if it may be chosen and is as natural as the contenders', or
+    /// so much nearer that this does not matter.
+    fn score_own(&self, motion: Rollout) -> Option<(Rollout, f64)> {
+        let score = self.lead().judge().score(&motion)?;
+        let natural = unnatural(&motion) <= self.natural;
+        let may = natural || score < (1.0 - FAR_NEARER) * self.lead().least;
+        (self.planner.is_some() && may).then_some((motion, score))
+    }
+
     /// Begins to search; false if every joint arrives by now.
     fn begin_search(&mut self, fresh: &dyn Fn(usize) -> Result<Rollout, Error>) -> bool {
         // The plan has been followed.
-        let planned = self.planned.take();
-        self.floor = planned.and_then(|p| p.off(jam::NEAR));
+        if let Some(planned) = self.planned.take().filter(Planned::is_done) {
+            self.floor = Some(planned.off(jam::NEAR));
+            self.own = self.score_own(planned.into_motion());
+        }
         self.strict = self.budget / STRICT;
         let lead = self.lead();
         let (goals, plan, states) = (lead.trial.goals(), lead.trial.plan(), lead.best_states());
@@ -291,6 +339,7 @@ impl Learner {
         let detours = Detours::new(best.goals(), best.plan(), best.states(), shift, &judge);
         self.detours = Some(detours);
         self.lead_mut().judge_by(judge);
+        self.own = self.own.take().and_then(|(motion, _)| self.score_own(motion));
         self.budget = budget;
         self.check_every = budget / CHECKS;
         self.check = (budget - self.check_every, self.lead().least);
@@ -415,7 +464,7 @@ mod tests {
         let search = |threads| {
             let rollouts = [fresh(0).unwrap(), fresh(0).unwrap()];
             let racer = Repeats::new((0, &policy), &first, rollouts).unwrap().unwrap();
-            let mut learner = Learner::new(vec![racer], threads).unwrap();
+            let mut learner = Learner::new(vec![racer], None, threads).unwrap();
             while learner.stage() != Stage::Search {
                 assert!(learner.step(fresh));
             }

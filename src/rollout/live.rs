@@ -6,7 +6,7 @@
 
 use std::sync::Arc;
 
-use super::auto::{Trial, best, configs, differing, leaders, leads, learns};
+use super::auto::{Trial, best, configs, differing, leaders, leads, learns, planner};
 use super::error::Error;
 use super::ilc::Repeats;
 use super::learner::{Learner, Stage};
@@ -35,6 +35,8 @@ pub struct LiveRollout {
     shown: (usize, usize),
     /// Whether the best contender repeats the clip.
     learns: bool,
+    /// The planner whose path the best one may follow, and its place after the contenders.
+    planner: Option<(usize, PolicyConfig)>,
     /// The contenders that repeat the clip, once all have performed it.
     learner: Option<Learner>,
     command: Command,
@@ -72,12 +74,14 @@ impl LiveRollout {
         let policies = configs(robot, asked)?;
         let goals = Goals::new(command);
         let differing = differing(&policies.iter().collect::<Vec<_>>(), &goals);
+        let planner = planner(robot, asked).map(|config| (policies.len(), config));
         let contender = |policy| Contender { policy, rollout: None, edit: 0, failed: None };
         let mut live = LiveRollout {
             robot: Arc::clone(robot),
             contenders: policies.into_iter().map(contender).collect(),
             shown: (0, 0),
             learns: learns(asked),
+            planner,
             learner: None,
             command: command.clone(),
             differing,
@@ -92,10 +96,12 @@ impl LiveRollout {
     /// The rollout that is shown.
     pub fn shown(&self) -> &Rollout {
         let best = self.learner.as_ref().and_then(Learner::best);
-        match (best, &self.contenders[self.shown.0].rollout) {
-            (Some(best), _) if self.shown.1 > 0 => best,
-            (_, Some(rollout)) => rollout,
-            (_, None) => unreachable!("the shown contender has always a rollout"),
+        if let Some(best) = best.filter(|_| self.shown.1 > 0) {
+            return best;
+        }
+        match &self.contenders[self.shown.0].rollout {
+            Some(rollout) => rollout,
+            None => unreachable!("the shown contender has always a rollout"),
         }
     }
 
@@ -118,6 +124,10 @@ impl LiveRollout {
         self.edit += 1;
         self.learner = None;
         let corrected = std::mem::take(&mut self.shown.1) > 0;
+        if self.shown.0 == self.contenders.len() {
+            // A planner is too slow to be the first after an edit.
+            self.shown.0 = 0;
+        }
         self.take_up(self.shown.0)?;
         Ok(if corrected { 0 } else { self.shown().frame() })
     }
@@ -147,6 +157,10 @@ impl LiveRollout {
     /// # Errors
     /// As [`Rollout::step`].
     pub fn step(&mut self) -> Result<Option<super::run::Frame<'_>>, Error> {
+        if self.shown.0 == self.contenders.len() {
+            // The planner has planned to the end.
+            return Ok(None);
+        }
         match &mut self.contenders[self.shown.0].rollout {
             Some(rollout) => rollout.step(),
             None => unreachable!("the shown contender has always a rollout"),
@@ -198,7 +212,7 @@ impl LiveRollout {
             Repeats::new((at, &own.policy), first, [fresh()?, fresh()?]).ok()?
         };
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
-        Learner::new(leaders(&trials).filter_map(racer).collect(), threads)
+        Learner::new(leaders(&trials).filter_map(racer).collect(), self.planner.clone(), threads)
     }
 
     /// What the contenders achieved that have something of their own to show.
@@ -243,7 +257,11 @@ impl LiveRollout {
         let mut improvements = 0;
         let mut policy = self.contenders[at].policy.clone();
         if let Some((learner, better)) = self.learner.as_ref().and_then(|l| Some((l, l.best()?))) {
-            let own = PolicyConfig { ilc: true, ..self.contenders[learner.at()].policy.clone() };
+            let leader = match &self.planner {
+                Some((own, config)) if *own == learner.at() => config,
+                _ => &self.contenders[learner.at()].policy,
+            };
+            let own = PolicyConfig { ilc: better.shift().is_some(), ..leader.clone() };
             let trial = Trial::of(&own, better);
             if leads(&tried, &trial) {
                 tried.push(trial);

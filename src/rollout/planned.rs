@@ -40,9 +40,8 @@ pub(super) struct Planned {
 }
 
 impl Planned {
-    /// A planner at the beginning of the clip that `trial` performs.
-    pub(super) fn new(trial: &Rollout) -> Result<Planned, Error> {
-        let config = PolicyConfig::floor();
+    /// A planner of these settings at the beginning of the clip that `trial` performs.
+    pub(super) fn new(trial: &Rollout, config: &PolicyConfig) -> Result<Planned, Error> {
         let planner = trial.with(config.build(trial.robot())?, config.guide)?;
         let shift = vec![0.0; trial.frames() * trial.goals().dim()];
         Ok(Planned { planner, began: false, passes: 0, shift })
@@ -70,11 +69,19 @@ impl Planned {
         &self.shift
     }
 
-    /// Frames at which joints are more than `limit` off their goals on the path; `None` if it was not
-    /// planned to its end.
-    pub(super) fn off(&self, limit: f64) -> Option<Vec<Off>> {
-        let planner = &self.planner;
-        planner.is_done().then(|| jam::off(planner.goals(), planner.reached(), limit))
+    /// Whether the path was planned to its end.
+    pub(super) fn is_done(&self) -> bool {
+        self.planner.is_done()
+    }
+
+    /// Frames at which joints are more than `limit` off their goals on the path.
+    pub(super) fn off(&self, limit: f64) -> Vec<Off> {
+        jam::off(self.planner.goals(), self.planner.reached(), limit)
+    }
+
+    /// The planner's own motion.
+    pub(super) fn into_motion(self) -> Rollout {
+        self.planner
     }
 
     /// Frames that are still to be planned.
