@@ -79,10 +79,22 @@ pub struct CouplingMember {
     pub offset: f64,
 }
 
+/// What holds coupled joints together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum CouplingKind {
+    /// An actuator pulls all of them; contact can still set them apart.
+    Tendon,
+    /// A joint follows another one.
+    Mimic,
+}
+
 /// Joints that one actuator moves together: a tendon, or a mimic joint and its leader.
 /// They agree when (q - offset) / coef is the same for all.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct Coupling {
+    /// What holds them together.
+    pub kind: CouplingKind,
     /// Tendon or leader name.
     pub name: String,
     /// The joints.
@@ -135,6 +147,12 @@ impl JointTable {
             granularity: Granularity::Joint,
             kinematics: None,
         }
+    }
+
+    /// The couplings of joints that follow others. A tendon shares a force, but does not fix where each
+    /// joint is.
+    pub fn followers(&self) -> impl Iterator<Item = &Coupling> {
+        self.couplings.iter().filter(|c| c.kind == CouplingKind::Mimic)
     }
 
     /// The joint of this name.

@@ -6,6 +6,9 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
+
+use nalgebra::DMatrix;
 
 use super::error::Error;
 use super::profile::{
@@ -14,7 +17,7 @@ use super::profile::{
 };
 use robert_base::limits;
 use robert_base::units::Unit;
-use robert_mujoco::{Joint, Kind, Model, Transmission, index};
+use robert_mujoco::{Data, Joint, Kind, Model, Transmission, index};
 
 /// Speed limit of a joint without one in the model, rad/s or m/s.
 const SPEED_DEFAULT: f64 = 10.0;
@@ -186,7 +189,7 @@ pub(super) fn complete(
 pub fn derive(model: &Model, id: &str, path: &Path) -> Result<Profile, Error> {
     let ids = state_joints(model, path)?;
     let actuators = actuators(model);
-    let couplings = couplings(model);
+    let couplings = couplings(model)?;
     let joints = ids.iter().map(|&j| joint(model, j)).collect::<Vec<_>>();
     let mut poses = BTreeMap::new();
     let home = model.name(Kind::Key, 0).unwrap_or("rest").to_owned();
@@ -224,6 +227,7 @@ fn joint(model: &Model, id: usize) -> JointSpec {
         unit: if model.joint_type(id) == Some(Joint::Slide) { Unit::M } else { Unit::Rad },
         range: range.filter(|_| limited).and_then(|r| r.try_into().ok()),
         speed_limit: speed_limit(model, id),
+        top_speed: None,
         acceleration_limit: None,
     }
 }
@@ -249,6 +253,16 @@ pub(super) fn digits(v: f64, n: i32) -> f64 {
 
 /// Greatest torque of the motors of a joint, N m or N; `None` if it has none.
 pub(super) fn torque_limit(model: &Model, joint: usize) -> Option<f64> {
+    torque(model, joint, f64::max)
+}
+
+/// The same in the weaker direction; that of the other one for a joint that is only pulled one way.
+pub(super) fn weaker_torque(model: &Model, joint: usize) -> Option<f64> {
+    torque(model, joint, f64::min).filter(|t| *t > 0.0).or_else(|| torque_limit(model, joint))
+}
+
+/// The sum over the motors of a joint of `side` of their two limits.
+fn torque(model: &Model, joint: usize, side: fn(f64, f64) -> f64) -> Option<f64> {
     let mut force = None;
     for a in 0..model.nu() {
         if !is_motor(model, a) {
@@ -262,7 +276,7 @@ pub(super) fn torque_limit(model: &Model, joint: usize) -> Option<f64> {
                 .map_or(0.0, |(_, c)| c.abs()),
             _ => continue,
         };
-        let limit = ctrlrange(model, a).map_or(0.0, |[lo, hi]| lo.abs().max(hi.abs()));
+        let limit = ctrlrange(model, a).map_or(0.0, |[lo, hi]| side(lo.abs(), hi.abs()));
         let gear = model.actuator_gear()[6 * a].abs();
         let gain = model.actuator_gainprm()[10 * a].abs();
         if lever > 0.0 {
@@ -324,13 +338,15 @@ pub(super) fn tendon_joints(model: &Model, t: usize) -> Vec<(usize, f64)> {
         .collect()
 }
 
-fn couplings(model: &Model) -> Vec<Coupling> {
+/// Joints that the actuators cannot move one by one: those of a tendon, and of an equality.
+fn couplings(model: &Model) -> Result<Vec<Coupling>, Error> {
     const EQ_JOINT: i32 = 2; // mjEQ_JOINT
     let joint_name = |j: usize| model.name(Kind::Joint, j).unwrap_or_default().to_owned();
     let mut found = Vec::new();
+    let apart = (model.ntendon() > 0).then(|| Apart::of(model)).transpose()?;
     for t in 0..model.ntendon() {
         let members = tendon_joints(model, t);
-        if members.len() < 2 {
+        if members.len() < 2 || apart.as_ref().is_some_and(|a| a.moves_each(&members)) {
             continue;
         }
         let limited = model.tendon_limited().get(t).is_some_and(|l| *l != 0);
@@ -363,7 +379,40 @@ fn couplings(model: &Model) -> Vec<Coupling> {
             });
         }
     }
-    found
+    Ok(found)
+}
+
+/// How far the actuators pull at each joint in the model's first pose; (nu, nv).
+struct Apart {
+    moments: DMatrix<f64>,
+    dofs: Vec<usize>,
+}
+
+impl Apart {
+    /// The smallest singular value of normalised moments that counts as a direction of its own.
+    const LEAST: f64 = 1e-3;
+
+    fn of(model: &Model) -> Result<Apart, Error> {
+        let mut data = Data::new(&Arc::new(model.duplicate()?))?;
+        data.forward()?;
+        let (nu, nv) = (model.nu(), model.nv());
+        let mut moments = DMatrix::from_row_slice(nu, nv, data.actuator_moment());
+        for mut row in moments.row_iter_mut() {
+            let norm = row.norm();
+            if norm > 0.0 {
+                row /= norm;
+            }
+        }
+        Ok(Apart { moments, dofs: model.jnt_dofadr().iter().map(|a| index(*a)).collect() })
+    }
+
+    /// Whether the actuators move each of these joints by itself, as the two motors of a differential
+    /// do.
+    fn moves_each(&self, members: &[(usize, f64)]) -> bool {
+        let columns = members.iter().map(|(j, _)| self.moments.column(self.dofs[*j]));
+        let own = DMatrix::from_columns(&columns.collect::<Vec<_>>());
+        own.rank(Apart::LEAST) == members.len()
+    }
 }
 
 /// Branches of the body tree. A body with two or more moving branches ends one group and starts
@@ -534,9 +583,11 @@ fn join_joints(
                     None => format!("joint \"{}\" has no limits in the model", d.name),
                 });
             }
-            for (what, v) in
-                [("speed_limit", w.speed_limit), ("acceleration_limit", w.acceleration_limit)]
-            {
+            for (what, v) in [
+                ("speed_limit", w.speed_limit),
+                ("top_speed", w.top_speed),
+                ("acceleration_limit", w.acceleration_limit),
+            ] {
                 if let Some(v) = v.filter(|v| !(v.is_finite() && *v > 0.0)) {
                     return Err(format!(
                         "{what} of joint \"{}\" is {v}; it must be positive",
@@ -545,7 +596,8 @@ fn join_joints(
                 }
             }
             let speed_limit = w.speed_limit.unwrap_or(d.speed_limit);
-            Ok(JointSpec { speed_limit, acceleration_limit: w.acceleration_limit, ..d })
+            let (top_speed, acceleration_limit) = (w.top_speed, w.acceleration_limit);
+            Ok(JointSpec { speed_limit, top_speed, acceleration_limit, ..d })
         })
         .collect()
 }

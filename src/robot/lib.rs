@@ -63,7 +63,7 @@ use std::sync::{Arc, OnceLock};
 
 use robert_base::fsio;
 use robert_base::units::Unit;
-use robert_mujoco::{Data, Kind, Model};
+use robert_mujoco::{Data, Kind, Model, index};
 
 /// One coordinate of the state.
 #[derive(Clone, Debug, PartialEq)]
@@ -76,8 +76,10 @@ pub struct StateJoint {
     pub range: [f64; 2],
     /// Whether it turns or slides without end.
     pub unbounded: bool,
-    /// Greatest sustained speed, rad/s or m/s.
+    /// Greatest sustained speed that exploration and trial clips ask for, rad/s or m/s.
     pub speed_limit: f64,
+    /// Greatest speed that the motors give, rad/s or m/s: at least the speed limit.
+    pub top_speed: f64,
     /// Mean acceleration from rest to nearly this speed at full torque, rad/s² or m/s²; infinite if
     /// it was not measured.
     pub acceleration_limit: f64,
@@ -409,7 +411,6 @@ impl Robot {
         };
         let model = Arc::new(compile(&stepped, &assets)?);
         let profile = derive::complete(written, &model, id, path)?;
-        let addr = |v: &[i32], i: usize| v.get(i).and_then(|a| usize::try_from(*a).ok());
         let joints: Vec<StateJoint> = profile
             .joints
             .iter()
@@ -420,10 +421,11 @@ impl Robot {
                 range: j.range.unwrap_or([f64::NEG_INFINITY, f64::INFINITY]),
                 unbounded: j.range.is_none(),
                 speed_limit: j.speed_limit,
+                top_speed: j.top_speed.unwrap_or(j.speed_limit),
                 acceleration_limit: j.acceleration_limit.unwrap_or(f64::INFINITY),
                 id,
-                qposadr: addr(model.jnt_qposadr(), id).unwrap_or(0),
-                dofadr: addr(model.jnt_dofadr(), id).unwrap_or(0),
+                qposadr: index(model.jnt_qposadr()[id]),
+                dofadr: index(model.jnt_dofadr()[id]),
             })
             .collect();
         let actuators = profile

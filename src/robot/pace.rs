@@ -55,8 +55,10 @@ const STILL: f64 = 1e-3;
 pub(super) enum Pace {
     /// It moves: the speed of the slower direction, the median over the poses.
     Moves {
-        /// Speed that it reaches, rad/s or m/s.
+        /// Speed that it reaches and that tasks may ask for, rad/s or m/s.
         speed: f64,
+        /// Speed that it reaches, rad/s or m/s.
+        top: f64,
         /// Mean acceleration up to [`RISEN`] of that speed, rad/s² or m/s².
         acceleration: f64,
     },
@@ -176,7 +178,8 @@ fn one(model: &Arc<Model>, joint: usize, share: &mut Share) -> Result<Pace, Erro
     };
     Ok(match (median(&mut speeds), median(&mut accelerations)) {
         (Some(v), Some(acceleration)) if v >= STILL => {
-            Pace::Moves { speed: v.min(spent).min(asked_at_most(model, joint)), acceleration }
+            let top = v.min(spent);
+            Pace::Moves { speed: top.min(asked_at_most(model, joint)), top, acceleration }
         }
         (Some(_), _) => Pace::Stuck,
         (None, _) => Pace::Unknown,
@@ -342,7 +345,8 @@ mod tests {
     fn a_damped_joint_runs_at_torque_over_damping() {
         let weightless =
             arm("damping=\"10\"", 20.0).replace("<option ", "<option gravity=\"0 0 0\" ");
-        let [Pace::Moves { speed: v, acceleration }, Pace::Unknown] = paces(&weightless)[..] else {
+        let [Pace::Moves { speed: v, acceleration, .. }, Pace::Unknown] = paces(&weightless)[..]
+        else {
             panic!()
         };
         assert!((v / 2.0 - 1.0).abs() < 0.03, "{v}");
@@ -358,7 +362,9 @@ mod tests {
     #[test]
     fn a_free_joint_runs_as_fast_as_half_its_range_lets_it() {
         let weightless = arm("", 20.0).replace("<option ", "<option gravity=\"0 0 0\" ");
-        let [Pace::Moves { speed: v, acceleration }, _] = paces(&weightless)[..] else { panic!() };
+        let [Pace::Moves { speed: v, acceleration, .. }, _] = paces(&weightless)[..] else {
+            panic!()
+        };
         let want = 20.0 / 0.111;
         assert!((acceleration / want - 1.0).abs() < 0.15, "{acceleration}");
         assert!(v <= MOTOR_SPEED[0], "{v}: no task asks for more");

@@ -33,8 +33,12 @@ pub struct JointSpec {
     /// Limits; absent for a joint without limits.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub range: Option<[f64; 2]>,
-    /// Greatest sustained speed, rad/s or m/s.
+    /// Greatest sustained speed that exploration and trial clips ask for, rad/s or m/s.
     pub speed_limit: f64,
+    /// Greatest speed that the motors give, rad/s or m/s, if it is above the speed limit. Clips may ask
+    /// for it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub top_speed: Option<f64>,
     /// Mean acceleration from rest to nearly this speed at full torque, rad/s² or m/s²; absent if
     /// it was not measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -256,6 +260,7 @@ pub(super) struct WrittenJoint {
     pub(super) unit: Option<Unit>,
     pub(super) range: Option<[f64; 2]>,
     pub(super) speed_limit: Option<f64>,
+    pub(super) top_speed: Option<f64>,
     pub(super) acceleration_limit: Option<f64>,
 }
 

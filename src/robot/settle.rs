@@ -9,7 +9,7 @@
 //! is 6 ms.
 
 use super::{Error, Law, Loops, Robot};
-use robert_base::units::{CTRL_DT, SUBSTEPS};
+use robert_base::units::{CTRL_DT, FPS, SUBSTEPS};
 use robert_mujoco::{Data, Model};
 
 use nalgebra::{DMatrix, DVector};
@@ -29,17 +29,25 @@ pub struct Settled {
     pub worst_joint: usize,
     /// Whether every residual is within the profile's tolerance.
     pub within: bool,
-    /// Greatest joint speed at the end, rad/s or m/s; if it is not small, the robot still moves.
+    /// Greatest joint speed at the end, rad/s or m/s.
     pub speed: f64,
+    /// Whether joints that are not at their goals stand still; if not, more time would change the pose.
+    pub rests: bool,
 }
 
+/// How long a joint that is not at its goal may go on moving, as a multiple of the profile's time.
+const LONGEST: u32 = 20;
+/// Share of the tolerance by which a joint moves in a second if it does not stand still.
+const STILL: f64 = 0.2;
+
 impl Robot {
-    /// Drives from the home pose to `target` for the profile's time.
+    /// Drives from the home pose to `target` for the profile's time, or longer if a joint that is not at
+    /// its goal still moves.
     ///
     /// # Errors
     /// [`Error::Length`]; [`Error::Simulator`] if the simulation diverges.
     pub fn settle(&self, target: &[f64]) -> Result<Settled, Error> {
-        self.settle_from(&self.home(), target)
+        self.settle_for(&self.home(), target, LONGEST)
     }
 
     /// Drives from `start`, at rest, to `target` for the profile's time.
@@ -47,18 +55,40 @@ impl Robot {
     /// # Errors
     /// As [`Robot::settle`].
     pub fn settle_from(&self, start: &[f64], target: &[f64]) -> Result<Settled, Error> {
+        self.settle_for(start, target, 1)
+    }
+
+    /// Drives for the profile's time, and at most for `longest` times as long.
+    fn settle_for(&self, start: &[f64], target: &[f64], longest: u32) -> Result<Settled, Error> {
         self.check_len("pose", target.len(), self.state_dim())?;
         let mut data = Data::new(self.model())?;
         self.write_state(&mut data, start)?;
         data.forward()?;
         let mut drive = Drive::new(self, start, target)?;
-        let steps = self.profile().settle.frames as usize * SUBSTEPS;
-        for _ in 0..steps {
-            let ctrl = drive.ctrl(self, &data)?;
-            data.set_ctrl(&ctrl)?;
-            data.step(1)?;
+        let mut steps = |data: &mut Data, frames: u32| -> Result<(), Error> {
+            for _ in 0..frames as usize * SUBSTEPS {
+                let ctrl = drive.ctrl(self, data)?;
+                data.set_ctrl(&ctrl)?;
+                data.step(1)?;
+            }
+            Ok(())
+        };
+        let settle = &self.profile().settle;
+        steps(&mut data, settle.frames)?;
+        // At first the speed tells whether a joint rests, then how far it came in a second.
+        let still = STILL * settle.tolerance;
+        let is_off = |j: usize, q: &[f64]| (q[j] - target[j]).abs() > settle.tolerance;
+        let (mut reached, v) = (self.state(&data), self.velocity(&data));
+        let mut rests = !(0..v.len()).any(|j| is_off(j, &reached) && v[j].abs() > still);
+        for _ in 0..(longest - 1) * settle.frames / FPS {
+            if rests {
+                break;
+            }
+            steps(&mut data, FPS)?;
+            let before = std::mem::replace(&mut reached, self.state(&data));
+            let moved = |j: usize| (reached[j] - before[j]).abs() > still;
+            rests = !(0..reached.len()).any(|j| is_off(j, &reached) && moved(j));
         }
-        let reached = self.state(&data);
         let residual: Vec<f64> = reached.iter().zip(target).map(|(a, b)| (a - b).abs()).collect();
         let (worst_joint, worst) = residual
             .iter()
@@ -75,6 +105,7 @@ impl Robot {
             worst,
             worst_joint,
             speed,
+            rests,
         })
     }
 }

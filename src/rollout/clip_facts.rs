@@ -36,7 +36,7 @@ impl ClipFacts for Robot {
             name: j.name.clone(),
             unit: j.unit,
             range: (!j.unbounded).then_some(j.range),
-            speed_max: (j.speed_limit.is_finite() && j.speed_limit > 0.0).then_some(j.speed_limit),
+            speed_max: (j.top_speed.is_finite() && j.top_speed > 0.0).then_some(j.top_speed),
             band: None,
             speed_usual: None,
         });
@@ -86,11 +86,13 @@ fn coupling(coupling: &Coupling) -> clip::Coupling {
         |joint: &str, coef, offset| clip::CouplingMember { joint: joint.to_owned(), coef, offset };
     match coupling {
         Coupling::Tendon { name, joints, coefs, .. } => clip::Coupling {
+            kind: clip::CouplingKind::Tendon,
             name: name.clone(),
             members: joints.iter().zip(coefs).map(|(j, c)| member(j, *c, 0.0)).collect(),
             tolerance: COUPLING_TOLERANCE,
         },
         Coupling::Mimic { follower, leader, offset, multiplier } => clip::Coupling {
+            kind: clip::CouplingKind::Mimic,
             name: leader.clone(),
             members: vec![member(leader, 1.0, 0.0), member(follower, *multiplier, *offset)],
             tolerance: 1e-3,
@@ -105,6 +107,15 @@ pub struct Settler<'a> {
     data: Data,
 }
 
+/// What the simulation finds out about a pose.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Examined {
+    /// Pairs of bodies that overlap, with the depth, m.
+    pub contacts: Vec<(String, String, f64)>,
+    /// The settled pose, (S); `None` if joints still move, or the simulation diverged.
+    pub settled: Option<Vec<f64>>,
+}
+
 impl<'a> Settler<'a> {
     /// For this robot.
     ///
@@ -114,6 +125,18 @@ impl<'a> Settler<'a> {
         Ok(Settler { robot, data: Data::new(robot.model())? })
     }
 
+    /// What touches in this pose, (S), and the pose that settles from it.
+    ///
+    /// # Errors
+    /// [`robert_robot::Error::Simulator`], [`robert_robot::Error::Length`].
+    pub fn examine(&mut self, state: &[f64]) -> Result<Examined, robert_robot::Error> {
+        let contacts = self.overlaps(state)?;
+        // A pose that makes the simulation diverge, or whose joints still move, has no settled pose.
+        let settled = self.robot.settle(state).ok().filter(|s| s.within || s.rests);
+        Ok(Examined { contacts, settled: settled.map(|s| s.reached) })
+    }
+
+    /// Bodies that overlap, and the depth, m.
     fn overlaps(
         &mut self,
         state: &[f64],
@@ -148,18 +171,12 @@ impl clip::PoseChecker for Settler<'_> {
             // An unknown joint is a separate finding; here it only means that the pose cannot be
             // simulated.
             let Ok(at) = self.robot.joint_index(name) else { return clip::PoseReport::default() };
-            if let Some(slot) = state.get_mut(at) {
-                *slot = *value;
-            }
+            state[at] = *value;
             places.push(at);
         }
-        let contacts = self.overlaps(&state).unwrap_or_default();
-        let settled = self
-            .robot
-            .settle(&state)
-            .ok()
-            .map(|s| places.iter().filter_map(|&at| s.reached.get(at).copied()).collect());
-        clip::PoseReport { contacts, settled }
+        let Ok(found) = self.examine(&state) else { return clip::PoseReport::default() };
+        let settled = found.settled.map(|q| places.iter().map(|&at| q[at]).collect());
+        clip::PoseReport { contacts: found.contacts, settled }
     }
 
     fn tolerance(&self) -> f64 {

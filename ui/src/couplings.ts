@@ -1,11 +1,18 @@
-// Joints that move together: the two joints of a finger that one tendon turns.
+// Joints that follow others. A tendon shares a force, but does not fix where each joint is.
 
+import type { Coupling } from "./generated/protocol";
 import * as store from "./store";
+
+/** The couplings of joints that follow others. */
+export function followers(): Coupling[] {
+  const all = store.doc.value?.table.couplings ?? [];
+  return all.filter((c) => c.kind === "mimic");
+}
 
 /** All joints that move with this one, with their values when it is at `value`. */
 export function together(name: string, value: number): Record<string, number> {
   const changes: Record<string, number> = { [name]: value };
-  for (const c of store.doc.value?.table.couplings ?? []) {
+  for (const c of followers()) {
     const members = c.members ?? [];
     const own = members.find((m) => m.joint === name);
     if (!own) continue;

@@ -1,12 +1,12 @@
 // Joints that no hand moves.
 
+import { followers } from "./couplings";
 import * as store from "./store";
 import { tell } from "./wire";
 
 /** Joints that one actuator moves along with this one. */
 function bound(name: string): string[] {
-  const couplings = store.doc.value?.table.couplings ?? [];
-  return couplings.flatMap((c) =>
+  return followers().flatMap((c) =>
     c.members?.some((m) => m.joint === name) ? c.members.map((m) => m.joint) : [],
   );
 }

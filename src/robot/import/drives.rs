@@ -1,4 +1,4 @@
-//! Adds inertia and damping of a drive to joints whose file names neither.
+//! Adds inertia and damping of a drive to joints whose file names none, or too little.
 //!
 //! Real arms are geared: the rotors of their motors have inertia, and the available torque falls
 //! with speed until nothing is left. Many files contain neither, so their joints reach hundreds of
@@ -16,7 +16,7 @@ use roxmltree::Node;
 
 use super::config::{Drives, ImportConfig};
 use super::draft::Draft;
-use crate::derive::{digits, torque_limit};
+use crate::derive::{digits, torque_limit, weaker_torque};
 use crate::text::Edits;
 use crate::{Error, preparse};
 use robert_mujoco::{Joint, Kind, Model};
@@ -51,6 +51,8 @@ struct Drive {
     torque: f64,
     /// Under full torque, without the drive.
     acceleration: f64,
+    /// What the file gives: armature and damping.
+    file: [f64; 2],
 }
 
 /// Adds drives to joints without one in the file, and reports them; with `--drives file` they are
@@ -72,9 +74,9 @@ pub(super) fn model(
     }
     let names = list(found.keys().map(String::as_str));
     if config.drives == Drives::File {
-        draft.assumed.push(format!(
-            "nothing: {names} run faster than {FREE_SPEED} rad/s (or m/s) under full torque, too \
-             fast for torque at 20 Hz; without --drives file they get the drive that the file \
+        draft.warnings.push(format!(
+            "{names} run faster than {FREE_SPEED} rad/s (or m/s) under full torque, which no torque that \
+             is held for 50 ms may control; without --drives file they get the drive that the file \
              leaves out"
         ));
         return Ok(false);
@@ -114,27 +116,33 @@ fn missing(model: &Model, id: usize, draft: &Draft, named: Option<f64>) -> Optio
         SPEED[usize::from(slides)]
     };
     let speed = named.unwrap_or(guess);
+    // A drive for the stronger direction would leave the joint hardly any speed in the other one.
+    let weaker = weaker_torque(model, id).unwrap_or(torque);
     Some(Drive {
-        armature: digits(armature.max(ROTOR * torque), DIGITS),
-        damping: digits(damping.max(torque / speed), DIGITS),
+        armature: digits(armature.max(ROTOR * weaker), DIGITS),
+        damping: digits(damping.max(weaker / speed), DIGITS),
         speed,
         named: named.is_some(),
-        torque,
+        torque: weaker,
         acceleration: torque / model.dof_M0()[dof].max(1e-12),
+        file: [if draft.rotors_assumed { 0.0 } else { armature }, damping],
     })
 }
 
 fn say(draft: &mut Draft, found: &BTreeMap<String, Drive>) {
     let line = |(name, d): (&String, &Drive)| {
         let from = if d.named { "as the file says" } else { "assumed" };
+        let instead =
+            |file: f64| if file > 0.0 { format!(" instead of {file}") } else { String::new() };
+        let [armature, damping] = d.file.map(instead);
         format!(
-            "{name}: armature {}, damping {} ({} spent at {:.3}, {from})",
+            "{name}: armature {}{armature}, damping {}{damping} ({} spent at {:.3}, {from})",
             d.armature, d.damping, d.torque, d.speed
         )
     };
     draft.assumed.push(format!(
-        "the drive of {} joints, whose file names none and whose motors no torque at 20 Hz could \
-         hold (--drives file takes the file at its word): {}",
+        "the drive of {} joints, of which the file says nothing or too little for torque at 20 Hz to \
+         hold them (--drives file takes the file at its word): {}",
         found.len(),
         found.iter().map(line).collect::<Vec<_>>().join("; ")
     ));

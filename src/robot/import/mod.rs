@@ -315,8 +315,10 @@ fn speeds(
     for (j, pace) in joints.iter_mut().zip(paces.joints) {
         let named = draft.speeds.get(&j.name).copied();
         match pace {
-            Pace::Moves { speed: v, acceleration } => {
-                j.speed_limit = derive::digits(named.map_or(v, |n| n.min(v)), 3);
+            Pace::Moves { speed, top, acceleration } => {
+                let at_most = |v: f64| derive::digits(named.map_or(v, |n| n.min(v)), 3);
+                j.speed_limit = at_most(speed);
+                j.top_speed = Some(at_most(top)).filter(|top| *top > j.speed_limit);
                 j.acceleration_limit = Some(derive::digits(acceleration, 3)).filter(|a| *a > 0.0);
             }
             Pace::Stuck => {

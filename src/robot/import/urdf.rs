@@ -11,6 +11,7 @@ use super::config::ImportConfig;
 use super::description::{self, Description, Geometry, Joint, JointType, Link, Pose};
 use super::draft::{ASSET_DIR, Draft, physics};
 use super::packages;
+use crate::derive::digits;
 use crate::text::escape;
 use crate::{Error, dae, mesh, preparse};
 
@@ -19,6 +20,9 @@ type Colored = (String, Option<[f64; 4]>);
 
 /// Rotor inertia, kg m^2 or kg, since no URDF gives it.
 const ARMATURE: f64 = 0.01;
+/// The most of it per unit of the torque limit, s^2, so that a small motor has a small rotor. An added
+/// drive has as much.
+const ARMATURE_OF_LIMIT: f64 = 0.003;
 /// Mass and inertia of moving links that have neither inertia nor collision shapes.
 const GHOST: (f64, f64) = (1e-3, 1e-6);
 
@@ -436,7 +440,9 @@ impl<'a> Tree<'a> {
             }
         };
         let [x, y, z] = j.axis;
-        write!(self.body, "{pad}  <joint name=\"{}\" type=\"{kind}\" axis=\"{x} {y} {z}\" armature=\"{ARMATURE}\"", escape(&j.name)).ok();
+        let own = Some(j.limit.effort).filter(|e| e.is_finite() && *e > 0.0);
+        let armature = own.map_or(ARMATURE, |e| digits(e * ARMATURE_OF_LIMIT, 4).min(ARMATURE));
+        write!(self.body, "{pad}  <joint name=\"{}\" type=\"{kind}\" axis=\"{x} {y} {z}\" armature=\"{armature}\"", escape(&j.name)).ok();
         if let Some(d) = &j.dynamics {
             if d.damping > 0.0 {
                 write!(self.body, " damping=\"{}\"", d.damping).ok();
@@ -696,7 +702,7 @@ impl<'a> Tree<'a> {
             section("actuator", &self.motors),
         );
         self.draft.assumed.push("the root link is fixed to the world".into());
-        self.draft.assumed.push(format!("armature {ARMATURE} at every joint without another"));
+        self.draft.assumed.push(format!("armature {ARMATURE} at every joint without another, less where the effort limit is below {:.1}", ARMATURE / ARMATURE_OF_LIMIT));
         Ok(self.draft)
     }
 }

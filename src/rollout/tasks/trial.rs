@@ -103,7 +103,8 @@ fn held(robot: &Robot, seed: u64, index: u64, from: &[f64]) -> Result<Vec<f64>, 
                 home + if back { -way } else { way }
             })
             .collect();
-        let settled = robot.settle(&target)?;
+        // Trial clips give no more than the usual time.
+        let settled = robot.settle_from(&robot.home(), &target)?;
         if settled.within && robot.settle_from(from, &settled.reached)?.within {
             return Ok(settled.reached);
         }

@@ -67,7 +67,7 @@ impl RobotContext {
     pub(crate) fn is_locked(&self, joint: usize, locked: &BTreeSet<String>) -> bool {
         let Some(name) = self.table.joints.get(joint).map(|j| &j.name) else { return false };
         locked.contains(name)
-            || self.table.couplings.iter().any(|c| {
+            || self.table.followers().any(|c| {
                 c.members.iter().any(|m| &m.joint == name)
                     && c.members.iter().any(|m| locked.contains(&m.joint))
             })
@@ -78,7 +78,7 @@ impl RobotContext {
     pub(crate) fn bound(&self, joint: usize, value: f64) -> Vec<(usize, f64)> {
         let Some(fact) = self.table.joints.get(joint) else { return Vec::new() };
         let mut values = vec![(joint, value)];
-        for coupling in &self.table.couplings {
+        for coupling in self.table.followers() {
             let Some(own) = coupling.members.iter().find(|m| m.joint == fact.name) else {
                 continue;
             };

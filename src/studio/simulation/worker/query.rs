@@ -7,83 +7,22 @@ use crate::protocol::{
     AxisFacts, BodyFacts, Geometry, IkAnswer, IkRequest, MeshFacts, Pin, PoseFacts, RobotFacts,
     SettleAnswer, SiteFacts,
 };
-use robert_clip as clip;
-use robert_clip::{CouplingMember, Granularity, JointFacts, JointTable, Mirror};
+
+use robert_clip::JointTable;
 use robert_mujoco::{Data, Kind, Model, index};
 use robert_robot as robot;
-use robert_robot::{Coupling, IkConfig, Point, Robot, Target};
+use robert_robot::{IkConfig, Point, Robot, Target};
+use robert_rollout::{ClipFacts as _, Settler};
 
 /// A point in the world, m.
 type V3 = [f64; 3];
 
-/// Differences of coupled joints up to this are not reported, rad or m.
-const COUPLING_TOLERANCE: f64 = 0.02;
-/// The depth of contact from which lints report it, m.
+/// The depth of contact from which a dragged pose shows it, m.
 const TOUCH_M: f64 = 5e-4;
 
 /// A robot by builtin id or folder.
 pub(crate) fn resolve(robot: &str) -> Result<Arc<Robot>, robot::Error> {
     Robot::load(robot).map(Arc::new)
-}
-
-/// The facts about a robot that clips need.
-pub(crate) fn table(robot: &Robot) -> JointTable {
-    let profile = robot.profile();
-    let joints = robot
-        .joints()
-        .iter()
-        .map(|j| JointFacts {
-            name: j.name.clone(),
-            unit: j.unit,
-            range: (!j.unbounded).then_some(j.range),
-            speed_max: j.speed_limit.is_finite().then_some(j.speed_limit),
-            band: None,
-            speed_usual: None,
-        })
-        .collect();
-    let mirror = match robot.mirror_reason() {
-        Some(reason) => Mirror::None(reason.to_owned()),
-        None => Mirror::Table(
-            profile
-                .mirror
-                .table
-                .iter()
-                .map(|r| clip::MirrorRow {
-                    target: r.target.clone(),
-                    source: r.source.clone(),
-                    sign: r.sign,
-                    offset: r.offset,
-                })
-                .collect(),
-        ),
-    };
-    // A tendon shares a force but does not fix the difference; only a mimic joint has a fixed
-    // value.
-    let couplings = profile
-        .couplings
-        .iter()
-        .filter_map(|c| match c {
-            Coupling::Tendon { .. } => None,
-            Coupling::Mimic { follower, leader, offset, multiplier } => Some(clip::Coupling {
-                name: leader.clone(),
-                members: vec![
-                    CouplingMember { joint: leader.clone(), coef: 1.0, offset: 0.0 },
-                    CouplingMember { joint: follower.clone(), coef: *multiplier, offset: *offset },
-                ],
-                tolerance: COUPLING_TOLERANCE,
-            }),
-        })
-        .collect();
-    JointTable {
-        robot: robot.id().to_owned(),
-        model_sha256: Some(robot.model_sha256().to_owned()),
-        joints,
-        rest: robot.home(),
-        mirror,
-        couplings,
-        granularity: Granularity::Joint,
-        kinematics: Some(robot.kinematics().clone()),
-    }
 }
 
 /// Adds facts from the data of the robot's own model.
@@ -116,7 +55,7 @@ pub(crate) fn facts(robot: &Robot, source: &str) -> RobotFacts {
         title: profile.title.clone(),
         about: profile.about.clone(),
         licence: profile.licence.clone(),
-        table: learned(table(robot), robot),
+        table: learned(robot.joint_table(), robot),
         groups: profile.groups.clone(),
         actuators: robot.actuators().iter().map(|a| a.name.clone()).collect(),
         poses,
@@ -259,8 +198,9 @@ fn touching(model: &Model, data: &Data) -> Vec<(String, String, f64)> {
         .filter(|c| c.dist < -TOUCH_M)
         .map(|c| (body(c.geoms[0]), body(c.geoms[1]), -c.dist))
         .collect();
-    contacts.sort_by(|a, b| b.2.total_cmp(&a.2).then_with(|| a.0.cmp(&b.0)));
-    contacts.dedup_by(|a, b| (&a.0, &a.1) == (&b.0, &b.1));
+    contacts.sort_by(|a, b| (&a.0, &a.1).cmp(&(&b.0, &b.1)).then(b.2.total_cmp(&a.2)));
+    contacts.dedup_by(|later, first| (&later.0, &later.1) == (&first.0, &first.1));
+    contacts.sort_by(|a, b| b.2.total_cmp(&a.2));
     contacts
 }
 
@@ -278,10 +218,6 @@ pub(crate) fn settle(robot: &Robot, q: &[f64]) -> Result<SettleAnswer, robot::Er
 
 /// Contacts and residual of a pose.
 pub(crate) fn check(robot: &Robot, q: &[f64]) -> Result<Checked, robot::Error> {
-    let mut data = Data::new(robot.model())?;
-    robot.write_state(&mut data, q)?;
-    data.forward()?;
-    let contacts = touching(robot.model(), &data);
-    let settled = robot.settle(q).ok().map(|s| s.reached);
-    Ok(Checked { contacts, settled })
+    let found = Settler::new(robot)?.examine(q)?;
+    Ok(Checked { contacts: found.contacts, settled: found.settled })
 }
