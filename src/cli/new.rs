@@ -6,6 +6,7 @@
 //! folder, where every other command finds it. Each step is the command of that name with its own
 //! defaults. A stopped run continues at the step where it was.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
@@ -51,6 +52,8 @@ const CHOOSE: [u64; 2] = [2, 3];
 const REPORT: u64 = 1;
 /// Share of frames at a stop above which the report names a joint.
 const RESTING: f64 = 0.3;
+/// The mean error on trial clips above which the robot is not under control, rad or m.
+const FAR: f64 = 0.1;
 /// The number of evaluations in a row without improvement after which training ends.
 const PATIENCE: u64 = 3;
 
@@ -208,7 +211,15 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let learned = if trained { nearest(&choice, &["robert", "ridge"]) } else { "ridge" };
     let kept = nearest(&choice, &[learned, "pd"]);
     keep(kept, learned, &places, &args.out)?;
-    report(args, &robot, &found, kept, instant_secs, since())
+    if let Some(error) = mean_of(&choice, kept).filter(|e| *e > FAR) {
+        tracing::warn!(
+            "{kept}, the best policy, is {error:.2} {} away from the trial clips on average: the robot is \
+             not under control. Its motors may be too weak for it, or too few; robert import and \
+             robert robots show name what was assumed",
+            motion::unit(&robot)
+        );
+    }
+    report(args, &robot, &found, &choice, kept, [instant_secs, since()])
 }
 
 /// Refuses to go on in the folder of another model, or of one that was imported with other options.
@@ -243,15 +254,18 @@ fn same_source(args: &Args) -> Outcome {
 /// The one of these policies with the smallest error on the trial clips of all seeds; of several
 /// that are equally good, the first. A policy that fails on a clip, or did not perform, comes last.
 fn nearest<'a>(choice: &[Vec<Evaluation>], names: &[&'a str]) -> &'a str {
-    let mean = |name: &str| -> f64 {
-        let one = |found: &Vec<Evaluation>| {
-            let own = found.iter().find(|e| e.policy == name);
-            let whole = own.filter(|e| e.tasks.iter().all(|t| t.precision.is_some()));
-            whole.and_then(|e| e.precision_mean).unwrap_or(f64::INFINITY)
-        };
-        choice.iter().map(one).sum()
-    };
+    let mean = |name: &str| mean_of(choice, name).unwrap_or(f64::INFINITY);
     names.iter().copied().min_by(|a, b| mean(a).total_cmp(&mean(b))).unwrap_or("ridge")
+}
+
+/// The mean error of a policy on the trial clips of all seeds; `None` if it failed on one.
+fn mean_of(choice: &[Vec<Evaluation>], name: &str) -> Option<f64> {
+    let one = |found: &Vec<Evaluation>| {
+        let own = found.iter().find(|e| e.policy == name);
+        own.filter(|e| e.tasks.iter().all(|t| t.precision.is_some()))?.precision_mean
+    };
+    let all: Option<Vec<f64>> = choice.iter().map(one).collect();
+    all.map(|all| all.iter().sum::<f64>() / all.len() as f64)
 }
 
 /// Makes the policy `kept` the robot's own, and the run of the best `learned` one its model.
@@ -448,9 +462,9 @@ fn report(
     args: &Args,
     robot: &Robot,
     found: &[Evaluation],
+    choice: &[Vec<Evaluation>],
     kept: &str,
-    instant_secs: f64,
-    total_secs: f64,
+    [instant_secs, total_secs]: [f64; 2],
 ) -> Outcome {
     let means: serde_json::Map<String, Value> =
         found.iter().map(|e| (e.policy.clone(), json!(e.precision_mean))).collect();
@@ -460,6 +474,7 @@ fn report(
             "robot": robot.id(), "folder": args.out, "unit": motion::unit(robot),
             "instant_secs": instant_secs, "total_secs": total_secs,
             "results": results, "kept": kept, "precision": means,
+            "chosen_on": found.iter().map(|e| (&e.policy, mean_of(choice, &e.policy))).collect::<BTreeMap<_, _>>(),
         }));
     }
     let unit = format!("Precision, {}", motion::unit(robot));
@@ -475,6 +490,8 @@ fn report(
     }
     let means = found.iter().map(|e| show(e.precision_mean));
     t.add_row(std::iter::once("mean".to_owned()).chain(means));
+    let chose = found.iter().map(|e| show(mean_of(choice, &e.policy)));
+    t.add_row(std::iter::once("other clips, that choose".to_owned()).chain(chose));
     out::line(&t.to_string())?;
     out::line(&format!(
         "usable after {instant_secs:.0} s, done after {total_secs:.0} s; {kept} is kept as the robot's policy"

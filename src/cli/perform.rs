@@ -8,13 +8,13 @@ use super::bar::Bar;
 use super::failure::{Failure, Outcome};
 use super::global::Global;
 use super::interrupt::cancel_on_ctrl_c;
-use super::motion;
+use super::{motion, out};
 use crate::clip::{self, Clip};
 use crate::progress::{Cancel, Progress as _};
 use crate::robot::{self, PlantConfig, Robot};
 use crate::rollout::{
-    Chosen, Contenders, Error, Guide, PolicyConfig, PolicyName, Rollout, RolloutConfig, Start,
-    Trial,
+    Chosen, ClipFacts as _, Contenders, Error, Guide, PolicyConfig, PolicyName, Rollout,
+    RolloutConfig, Start, Trial,
 };
 use crate::take::{Provenance, Take};
 use crate::units::significant;
@@ -171,7 +171,11 @@ pub(super) fn perform(text: &str, args: &PerformArgs, global: Global) -> Outcome
     let cancel = cancel_on_ctrl_c();
     let begin = Instant::now();
     let (policy, chosen) = if asked.is_tried() {
-        let chosen = choose(&robot, &asked, &command, args, &cancel, global)?;
+        let chosen = choose(&robot, &asked, &command, args, &cancel, global);
+        if chosen.is_err() && !global.quiet && !cancel.is_cancelled() {
+            warn(&clip, &command, &robot);
+        }
+        let chosen = chosen?;
         // The policies are compared on the nominal plant; on another one the best performs again.
         (chosen.policy.clone(), Some(chosen))
     } else {
@@ -194,7 +198,8 @@ pub(super) fn perform(text: &str, args: &PerformArgs, global: Global) -> Outcome
     let steps = rollout.frames().saturating_sub(1) as u64;
     let unit = motion::unit(&robot);
     let broke = loop {
-        if cancel.is_cancelled() {
+        // What was found until a search was stopped is whole.
+        if cancel.is_cancelled() && !rollout.is_done() {
             break Some(Error::Cancelled { frame: rollout.frame() });
         }
         match rollout.step() {
@@ -211,6 +216,19 @@ pub(super) fn perform(text: &str, args: &PerformArgs, global: Global) -> Outcome
     let wall_secs = begin.elapsed().as_secs_f64();
     bar.finish();
     Ok(Performed { clip, command, robot, rollout, policy, tried, config, wall_secs, broke })
+}
+
+/// Prints what is wrong with a clip. A rollout tells little about it.
+pub(super) fn warn(clip: &Clip, command: &clip::Command, robot: &Robot) {
+    let found = clip::lint(clip, command, &robot.joint_table(), None);
+    let mut errors = found.iter().filter(|l| l.level == clip::Level::Error);
+    if let Some(first) = errors.next() {
+        let more = match errors.count() {
+            0 => String::new(),
+            n => format!(", and {n} more"),
+        };
+        out::aside(format!("warning: {}{more}: see robert clip check", first.message));
+    }
 }
 
 /// Tries all contenders, with a progress bar.

@@ -26,7 +26,7 @@ pub(super) enum Args {
     },
     /// Show a robot: joints, motors, groups, poses.
     #[command(
-        after_help = "Examples:\n  robert robots show shadow_hand\n  robert robots show my_arm --toml > my_arm/profile.toml"
+        after_help = "Examples:\n  robert robots show shadow_hand\n  robert robots show my_arm --toml > new.toml   (edit it, then mv new.toml my_arm/profile.toml)"
     )]
     Show {
         /// Id, or a folder with robot.xml.

@@ -7,9 +7,9 @@ use serde_json::{Value, json};
 
 use super::failure::{Failure, Outcome};
 use super::global::Global;
-use super::perform::{PerformArgs, Performed, perform};
+use super::perform::{PerformArgs, Performed, perform, warn};
 use super::{input, motion, out};
-use crate::clip::{Level, lint};
+use crate::clip::lint;
 use crate::exit::HasExit as _;
 use crate::robot::PlantConfig;
 use crate::rollout::{ClipFacts as _, GapFigures, Precision, Rollout, Settler, Trial};
@@ -85,7 +85,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         }
     }
     if !global.quiet {
-        warn(&done);
+        warn(&done.clip, &done.command, &done.robot);
     }
     if let Some(e) = done.broke.take() {
         let exit = e.exit();
@@ -105,19 +105,6 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let mut text = summary(&done, &precision, unit);
     text.push_str(&tried(&done, unit));
     input::say(taken, &text)
-}
-
-/// Says that the clip asks for what cannot be performed, such as a value beyond a joint's limit.
-fn warn(done: &Performed) {
-    let found = lint(&done.clip, &done.command, &done.robot.joint_table(), None);
-    let mut errors = found.iter().filter(|l| l.level == Level::Error);
-    if let Some(first) = errors.next() {
-        let more = match errors.count() {
-            0 => String::new(),
-            n => format!(", and {n} more"),
-        };
-        out::aside(format!("warning: {}{more}: see robert clip check", first.message));
-    }
 }
 
 fn report(args: &Args, done: &Performed, p: &Precision) -> Value {
@@ -190,6 +177,11 @@ fn summary(done: &Performed, p: &Precision, unit: &str) -> String {
     let worst =
         p.worst.map_or_else(|| "-".to_owned(), |(f, e)| format!("{}, frame {f}", figure(e)));
     rows.push(("worst frame", worst, ""));
+    let joints = rollout.robot().joints().iter().zip(&p.per_joint);
+    let farthest = joints.filter_map(|(j, e)| Some((j, (*e)?)));
+    if let Some((joint, e)) = farthest.max_by(|a, b| a.1.total_cmp(&b.1)) {
+        rows.push(("worst joint", format!("{}, {}", figure(e), joint.name), "its mean |error|"));
+    }
     if !p.holds.is_empty() {
         rows.push(("end of holds", value(p.hold_end), "mean |error| in their last frame"));
         rows.push(("late", late, "from the start of a hold until within 0.05"));
@@ -234,7 +226,7 @@ fn tried(done: &Performed, unit: &str) -> String {
     let each = each.collect::<Vec<_>>().join(", ");
     let chosen = list.iter().find(|t| t.policy == done.policy.label());
     let close = if chosen.is_some_and(|t| error(list[0]) < error(t)) {
-        "; the one with the least error moves unnaturally in the gaps"
+        "; those with less error move less naturally in the gaps"
     } else {
         ""
     };

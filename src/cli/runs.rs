@@ -88,7 +88,9 @@ fn brief(r: &Record) -> Value {
 }
 
 fn ls(dir: &Path, json: bool) -> Outcome {
-    let runs = runs_in(dir)?;
+    // The folder comes with the first run.
+    let none = dir == Path::new("runs") && !dir.exists();
+    let runs = if none { Vec::new() } else { runs_in(dir)? };
     if json {
         return out::json(&runs.iter().map(brief).collect::<Vec<_>>());
     }

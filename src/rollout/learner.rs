@@ -81,6 +81,8 @@ pub(super) struct Learner {
     /// rollouts for more.
     budget: usize,
     planned: Option<Planned>,
+    /// Planners whose turn comes after this one.
+    plans: Vec<PolicyConfig>,
     /// The contender that plans; `None` if its motion must not be chosen.
     planner: Option<(usize, PolicyConfig)>,
     /// The motion of the planner and its score, once the policy has followed it.
@@ -123,6 +125,7 @@ impl Learner {
             natural,
             budget: 0,
             planned: None,
+            plans: Vec::new(),
             planner,
             own: None,
             floor: None,
@@ -144,7 +147,9 @@ impl Learner {
         let going = !self.over
             && match self.stage() {
                 Stage::Search => self.search() || self.search_strictly(),
-                Stage::Plan | Stage::Follow => self.follow() || self.begin_search(&fresh),
+                Stage::Plan | Stage::Follow => {
+                    self.follow() || self.next_plan() || self.begin_search(&fresh)
+                }
                 Stage::Correct => self.race() || self.begin_plan() || self.begin_search(&fresh),
             };
         self.over = !going;
@@ -247,13 +252,29 @@ impl Learner {
         if lead.is_fast {
             self.budget = detour::budget(lead.trial.goals(), lead.trial.plan(), lead.best_states());
         }
-        let seen = lead.is_fast && self.planner.is_some() && lead.least > SEEN;
-        if (self.budget > 0 || seen) && planned::is_affordable(&lead.trial) {
-            let floor = PolicyConfig::floor();
-            let config = self.planner.as_ref().map_or(&floor, |(_, config)| config);
-            self.planned = Planned::new(&lead.trial, config).ok();
+        if lead.is_fast && planned::is_affordable(&lead.trial) {
+            // Free of a guide it finds more ways around what blocks a joint; with one it moves naturally.
+            let own = self.planner.iter().map(|(_, config)| config.clone());
+            self.plans.extend(own.filter(|_| lead.least > SEEN));
+            let free = PolicyConfig::floor();
+            if self.budget > 0 && !self.plans.contains(&free) {
+                self.plans.push(free);
+            }
         }
         self.racers = vec![lead];
+        self.next_plan()
+    }
+
+    /// Judges the planner's own motion, and begins with the next planner; false after the last one.
+    fn next_plan(&mut self) -> bool {
+        if let Some(planned) = self.planned.take().filter(Planned::is_done) {
+            self.floor.get_or_insert_with(|| planned.off(jam::NEAR));
+            // Only the contender's settings lead to this motion again.
+            let own = self.planner.as_ref().filter(|(_, config)| planned.config == *config);
+            self.own = own.and_then(|_| self.score_own(planned.into_motion())).or(self.own.take());
+        }
+        let next = self.plans.pop();
+        self.planned = next.and_then(|config| Planned::new(&self.lead().trial, &config).ok());
         self.planned.is_some()
     }
 
@@ -300,11 +321,6 @@ impl Learner {
 
     /// Begins to search; false if every joint arrives by now.
     fn begin_search(&mut self, fresh: &dyn Fn(usize) -> Result<Rollout, Error>) -> bool {
-        // The plan has been followed.
-        if let Some(planned) = self.planned.take().filter(Planned::is_done) {
-            self.floor = Some(planned.off(jam::NEAR));
-            self.own = self.score_own(planned.into_motion());
-        }
         self.strict = self.budget / STRICT;
         let lead = self.lead();
         let (goals, plan, states) = (lead.trial.goals(), lead.trial.plan(), lead.best_states());

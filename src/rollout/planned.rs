@@ -31,6 +31,8 @@ pub(super) fn is_affordable(trial: &Rollout) -> bool {
 
 /// A planner that performs the clip, and the passes of a policy that follows it.
 pub(super) struct Planned {
+    /// The settings of the planner.
+    pub(super) config: PolicyConfig,
     planner: Rollout,
     /// Whether the first correction was made, and the passes since then.
     pub(super) began: bool,
@@ -44,7 +46,7 @@ impl Planned {
     pub(super) fn new(trial: &Rollout, config: &PolicyConfig) -> Result<Planned, Error> {
         let planner = trial.with(config.build(trial.robot())?, config.guide)?;
         let shift = vec![0.0; trial.frames() * trial.goals().dim()];
-        Ok(Planned { planner, began: false, passes: 0, shift })
+        Ok(Planned { config: config.clone(), planner, began: false, passes: 0, shift })
     }
 
     /// Plans one frame; false at the end.
