@@ -28,19 +28,41 @@ impl Response {
     /// From the inertia (nv, nv) and the damping of the joints; `None` if it is singular.
     pub fn new(mass: &DMatrix<f64>, damping: &[f64], h: f64, n: usize) -> Option<Response> {
         let nv = damping.len();
+        let none = DMatrix::zeros(nv, nv);
+        Response::of_servos(mass, damping, [&none, &none], h, n)
+    }
+
+    /// The same with servos, whose force falls by these (stiffness, damping), (nv, nv) each, as the joints
+    /// move away from where they were at the beginning of the frame, and as their speed changes: u is the
+    /// torque at the beginning.
+    pub fn of_servos(
+        mass: &DMatrix<f64>,
+        damping: &[f64],
+        [stiffness, drag]: [&DMatrix<f64>; 2],
+        h: f64,
+        n: usize,
+    ) -> Option<Response> {
+        let nv = damping.len();
         let damping = DMatrix::from_diagonal(&DVector::from_row_slice(damping));
         let implicit = (mass + damping * h).try_inverse()?;
-        let p = &implicit * mass;
         let s_one = implicit * h;
+        let p = &s_one * (mass / h - drag);
         let (mut speed, mut keep) = (DMatrix::zeros(nv, nv), DMatrix::identity(nv, nv));
         let (mut coast, mut way) = (DMatrix::zeros(nv, nv), DMatrix::zeros(nv, nv));
         for _ in 0..n {
-            speed = &p * speed + &s_one;
-            keep = &p * keep;
+            speed = &p * speed + &s_one - &s_one * (stiffness * &way);
+            keep = &p * keep + &s_one * (drag - stiffness * &coast);
             coast += &keep * h;
             way += &speed * h;
         }
         Some(Response { coast, way, keep, speed })
+    }
+
+    /// The factor by which the slowest speed decays per frame under the torque that brings every joint
+    /// exactly to its goal at the end of it; `None` if no torque does.
+    pub fn leaves_of_speed(&self) -> Option<f64> {
+        let inverse = self.way.clone().try_inverse()?;
+        Some(lasting(&self.keep - &self.speed * inverse * &self.coast))
     }
 
     /// The factor by which the slowest disturbance decays per frame when each joint is driven by u
@@ -98,6 +120,27 @@ mod tests {
         for _ in 0..n {
             let implicit = (&mass + &d * h).try_inverse().unwrap();
             v = implicit * (&mass * &v + &u * h);
+            q += &v * h;
+        }
+        assert!((q - want.0).norm() < 1e-12 && (v - want.1).norm() < 1e-12);
+    }
+
+    #[test]
+    fn a_servo_gives_way() {
+        let mass = DMatrix::from_row_slice(2, 2, &[1.0, 0.4, 0.4, 0.3]);
+        let damping = [2.0, 0.5];
+        let (h, n) = (0.005, 10);
+        let k = DMatrix::from_row_slice(2, 2, &[120.0, 0.0, 0.0, 40.0]);
+        let d = DMatrix::from_row_slice(2, 2, &[3.0, 0.0, 0.0, 0.0]);
+        let r = Response::of_servos(&mass, &damping, [&k, &d], h, n).unwrap();
+        let (q0, v0) = (DVector::from_vec(vec![0.1, -0.2]), DVector::from_vec(vec![0.5, 1.0]));
+        let u = DVector::from_vec(vec![3.0, -1.0]);
+        let want = (&q0 + &r.coast * &v0 + &r.way * &u, &r.keep * &v0 + &r.speed * &u);
+        let joint = DMatrix::from_diagonal(&DVector::from_row_slice(&damping));
+        let (mut q, mut v) = (q0.clone(), v0.clone());
+        for _ in 0..n {
+            let force = &u - &k * (&q - &q0) - &d * (&v - &v0);
+            v = (&mass + &joint * h).try_inverse().unwrap() * (&mass * &v + force * h);
             q += &v * h;
         }
         assert!((q - want.0).norm() < 1e-12 && (v - want.1).norm() < 1e-12);

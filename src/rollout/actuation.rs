@@ -66,6 +66,18 @@ impl Actuation {
         Ok(Actuation { inverse, moment, scale })
     }
 
+    /// Stiffness and damping, (nv, nv) each, by which the force of servos falls as the joints move;
+    /// `None` if all actuators are motors.
+    pub(super) fn servos(&self) -> Option<[DMatrix<f64>; 2]> {
+        let of = |which: usize| {
+            let each = self.scale.iter().map(|s| -s.law.bias[which]);
+            let own = DMatrix::from_diagonal(&DVector::from_iterator(self.scale.len(), each));
+            self.moment.transpose() * own * &self.moment
+        };
+        let is_servo = self.scale.iter().any(|s| !s.law.is_motor());
+        is_servo.then(|| [of(1), of(2)])
+    }
+
     /// Writes the action that comes nearest to these joint torques at coordinates `qpos` moving
     /// at `qvel`, (nv) each, clamped to [-1, 1].
     pub(super) fn action(&self, torque: &[f64], qpos: &[f64], qvel: &[f64], action: &mut [f64]) {
