@@ -32,6 +32,7 @@ mod run;
 mod shards;
 mod slurm;
 mod special_files;
+mod strangers;
 mod studio;
 mod take;
 mod tasks;

@@ -19,6 +19,7 @@ fn table() -> JointTable {
         rest: vec![0.0; 3],
         mirror: Mirror::None("one hand".into()),
         couplings: vec![Coupling {
+            kind: CouplingKind::Tendon,
             name: "J0".into(),
             members: ["J1", "J2"]
                 .map(|j| CouplingMember { joint: j.into(), coef: 1.0, offset: 0.0 })

@@ -1,0 +1,105 @@
+//! Robots and clips as strangers type them, of kinds and sizes that no robot in the program has.
+
+use std::path::Path;
+
+use robert::clip::{Clip, Key};
+use robert::robot::Robot;
+use robert::rollout::ClipFacts as _;
+
+use crate::run::{Ran, call, robert};
+
+fn import(file: &str, text: &str) -> (Ran, Robot) {
+    let ran = robert().file(file, text).args(["import", file, "--out", "bot", "--json"]).succeeds();
+    let bot = Robot::from_folder(&ran.path("bot")).unwrap();
+    (ran, bot)
+}
+
+/// Performs a clip with keys `(frame, q)`, held for 10 frames, and returns its Precision.
+fn precision(dir: &Path, bot: &Robot, keys: &[(u32, &[f64])], policy: &str) -> f64 {
+    let mut clip = Clip::new(bot.clip_ref(), keys.last().unwrap().0 + 11);
+    clip.keys = keys.iter().map(|(frame, q)| Key { hold: 10, ..Key::new(*frame, q) }).collect();
+    clip.save(&dir.join("typed.clip.json")).unwrap();
+    let args = ["rollout", "typed.clip.json", "--robot", "bot", "--policy", policy, "--json"];
+    let (code, stdout, stderr) = call(dir, &args);
+    assert_eq!(code, 0, "{stderr}");
+    let report: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+    report["precision"].as_f64().unwrap()
+}
+
+const WRIST: &str = r#"<mujoco><compiler angle="radian"/><worldbody><body pos="0 0 .5">
+    <joint name="pitch" axis="0 1 0" range="-1.5 1.5" limited="true" damping=".3" armature=".02"/><geom size=".03" mass=".4"/>
+    <body><joint name="roll" axis="1 0 0" range="-2.5 2.5" limited="true" damping=".3" armature=".02"/>
+      <geom type="capsule" fromto=".03 0 0 .12 0 0" size=".025" mass=".4" contype="0" conaffinity="0"/></body></body></worldbody>
+  <tendon><fixed name="left"><joint joint="pitch" coef="1"/><joint joint="roll" coef="1"/></fixed>
+    <fixed name="right"><joint joint="pitch" coef="1"/><joint joint="roll" coef="-1"/></fixed></tendon>
+  <actuator><motor tendon="left" ctrllimited="true" ctrlrange="-4 4"/>RIGHT</actuator></mujoco>"#;
+
+#[test]
+fn the_joints_of_a_differential_can_be_set_apart() {
+    let right = r#"<motor tendon="right" ctrllimited="true" ctrlrange="-4 4"/>"#;
+    let (_, both) = import("wrist.xml", &WRIST.replace("RIGHT", right));
+    assert!(both.profile().couplings.is_empty(), "{:?}", both.profile().couplings);
+    let (_, one) = import("wrist.xml", &WRIST.replace("RIGHT", ""));
+    assert_eq!(one.profile().couplings.len(), 2, "one motor cannot");
+}
+
+#[test]
+fn a_long_way_takes_as_long_as_it_takes() {
+    let gantry = r#"<mujoco><worldbody><body pos="0 0 3"><joint name="bridge" type="slide" axis="1 0 0" range="-10 10" limited="true" damping="2000"/>
+        <geom type="box" size=".3 .3 .3" mass="4000"/></body></worldbody>
+      <actuator><motor joint="bridge" ctrllimited="true" ctrlrange="-6000 6000"/></actuator></mujoco>"#;
+    let (_, bot) = import("gantry.xml", gantry);
+    let far = bot.settle(&[8.0]).unwrap();
+    assert!(far.within && far.rests, "{far:?}");
+    assert!(!bot.settle_from(&bot.home(), &[8.0]).unwrap().within, "not in the usual time");
+    // A clip may ask for the speed that the motor gives, although exploration does not.
+    let joint = &bot.joints()[0];
+    assert!(joint.speed_limit <= 1.0 && joint.top_speed > 1.2, "{joint:?}");
+    assert_eq!(bot.joint_table().joints[0].speed_max, Some(joint.top_speed));
+}
+
+#[test]
+fn a_small_motor_has_a_small_rotor() {
+    let tiny = r#"<robot name="tiny"><link name="base"><inertial><mass value=".01"/><inertia ixx="1e-6" iyy="1e-6" izz="1e-6" ixy="0" ixz="0" iyz="0"/></inertial></link>
+      <link name="arm"><inertial><origin xyz="0 0 .01"/><mass value=".003"/><inertia ixx="1e-7" iyy="1e-7" izz="5e-8" ixy="0" ixz="0" iyz="0"/></inertial></link>
+      <joint name="tilt" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/><limit lower="-1.8" upper="1.8" effort=".002" velocity="10"/></joint></robot>"#;
+    let (ran, bot) = import("tiny.urdf", tiny);
+    assert!(bot.model().dof_armature()[0] < 1e-5, "{}", bot.model().dof_armature()[0]);
+    let dir = ran.dir.path();
+    assert!(
+        precision(dir, &bot, &[(0, &[0.0]), (30, &[1.0]), (60, &[-0.8])], "computed-torque") < 0.02
+    );
+}
+
+#[test]
+fn a_drive_leaves_the_weaker_direction_its_speed() {
+    let ankle = |range: &str, joint: &str| {
+        let text = format!(
+            r#"<mujoco><compiler angle="radian"/><worldbody><body pos="0 0 1"><joint name="ankle" axis="0 1 0" range="-.9 .6" limited="true" {joint}/>
+            <geom type="box" size=".1 .04 .02" mass=".7"/></body></worldbody>
+            <actuator><motor joint="ankle" gear="5" ctrllimited="true" ctrlrange="{range}"/></actuator></mujoco>"#
+        );
+        import("ankle.xml", &text)
+    };
+    let (ran, bot) = ankle("-1 8", r#"damping=".1" armature=".001""#);
+    // 5 N m, the weaker side, are spent at 2 rad/s.
+    assert_eq!((bot.model().dof_damping()[0], bot.model().dof_armature()[0]), (2.5, 0.015));
+    assert!(ran.stdout.contains("armature 0.015 instead of 0.001, damping 2.5 instead of 0.1"));
+    assert_eq!(ankle("-8 8", "").1.model().dof_damping()[0], 20.0);
+    assert_eq!(ankle("0 8", "").1.model().dof_damping()[0], 20.0, "pulled one way only");
+}
+
+#[test]
+fn servos_give_way_and_computed_torque_knows_it() {
+    let arm = r#"<mujoco><compiler angle="radian"/><worldbody><body pos="0 0 .5"><joint name="lift" axis="0 1 0" range="-1.5 1.5" limited="true" damping="1" armature=".05"/>
+        <geom type="capsule" fromto="0 0 .02 0 0 .25" size=".03" mass="1.2"/>
+        <body pos="0 0 .27"><joint name="elbow" axis="0 1 0" range="-2.3 2.3" limited="true" damping=".6" armature=".03"/>
+          <geom type="capsule" fromto="0 0 .03 0 0 .22" size=".025" mass=".8"/></body></body></worldbody>
+      <actuator><position joint="lift" kp="200" ctrllimited="true" ctrlrange="-1.5 1.5" forcelimited="true" forcerange="-30 30"/>
+        <position joint="elbow" kp="100" ctrllimited="true" ctrlrange="-2.3 2.3" forcelimited="true" forcerange="-15 15"/></actuator></mujoco>"#;
+    let (ran, bot) = import("arm.xml", arm);
+    let keys: &[(u32, &[f64])] = &[(0, &[0.0, 0.0]), (30, &[0.6, -0.8]), (60, &[-0.4, 0.9])];
+    let of = |policy| precision(ran.dir.path(), &bot, keys, policy);
+    let (pd, ct) = (of("pd+smooth"), of("computed-torque+smooth"));
+    assert!(ct < 1e-3 && ct < 0.5 * pd, "{ct} {pd}");
+}
