@@ -229,7 +229,8 @@ fn inspect(manifest: &Manifest, path: &Path, verify: Verify) -> (Vec<Shard>, Vec
             let handles: Vec<_> = (1..workers).map(|_| scope.spawn(work)).collect();
             let mut all = work();
             for handle in handles {
-                all.extend(handle.join().unwrap_or_default());
+                let part = handle.join();
+                all.extend(part.unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
             }
             all
         });

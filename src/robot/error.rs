@@ -142,12 +142,12 @@ pub enum Error {
         /// Why.
         message: String,
     },
-    /// An error of the simulator.
     /// The equality constraints or moment arms of a pose are not finite.
     #[error(
         "the equality constraints of this pose have no finite directions; check the <equality> of the model"
     )]
     Loops,
+    /// An error of the simulator.
     #[error(transparent)]
     Simulator(#[from] mujoco::Error),
     /// A file could not be read or written.

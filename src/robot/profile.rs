@@ -289,6 +289,17 @@ impl Written {
             let (line, column) = line_column(text, byte);
             Error::Profile { message, line, column, path: path.to_owned() }
         };
+        // These keys stand at the beginning of a line.
+        let place_of = |key: &str| {
+            let lines = text.split_inclusive('\n').scan(0, |at, line| {
+                *at += line.len();
+                Some((*at - line.len(), line))
+            });
+            let is_key = |line: &str| {
+                line.strip_prefix(key).is_some_and(|rest| rest.trim_start().starts_with('='))
+            };
+            lines.filter(|(_, line)| is_key(line)).map(|(at, _)| at).next().unwrap_or(0)
+        };
         let written: Written = toml::from_str(text).map_err(|e| {
             let byte = e.span().map_or(0, |s| s.start);
             at(e.message().to_owned(), byte)
@@ -296,7 +307,7 @@ impl Written {
         match written.format.as_deref() {
             Some(FORMAT) => {}
             Some(other) => {
-                let byte = text.find("format").unwrap_or(0);
+                let byte = place_of("format");
                 return Err(at(
                     format!("format is \"{other}\", this program reads \"{FORMAT}\""),
                     byte,
@@ -307,7 +318,7 @@ impl Written {
         if let Some(id) = &written.id
             && !valid_id(id)
         {
-            let byte = text.find("id").unwrap_or(0);
+            let byte = place_of("id");
             return Err(at(
                 format!("id \"{id}\" must be lower-case letters, digits, '_' or '-', at most 64"),
                 byte,

@@ -168,20 +168,18 @@ impl Drive {
         }
         let moment = DMatrix::from_row_slice(nu, nv, data.actuator_moment());
         let gram = &moment * moment.transpose() + DMatrix::identity(nu, nu) * 1e-12;
-        let factor = gram.cholesky();
-        // Without a factor (moments that are not finite) no force is asked for.
-        let forces = |joint: &DVector<f64>| factor.as_ref().map(|c| c.solve(&(&moment * joint)));
+        let factor = gram.cholesky().ok_or(Error::Loops)?;
+        let forces = |joint: &DVector<f64>| factor.solve(&(&moment * joint));
         let (force, held) = (forces(&(&load + pull)), forces(&(load + brake)));
         let (length, speed) = (&moment * &ahead, &moment * &speed);
         let one = |a: usize| {
-            let of = |f: &Option<DVector<f64>>| f.as_ref().map_or(0.0, |f| f[a]);
             let at = data.actuator_length()[a] + length[a];
             let raw = match self.laws[a] {
                 None => at,
                 Some(Law { gain, bias: [b0, b1, _] }) if b1 < 0.0 => {
-                    (of(&held) - b1 * at - b0) / gain
+                    (held[a] - b1 * at - b0) / gain
                 }
-                Some(Law { gain, bias: [b0, _, b2] }) => (of(&force) - b0 - b2 * speed[a]) / gain,
+                Some(Law { gain, bias: [b0, _, b2] }) => (force[a] - b0 - b2 * speed[a]) / gain,
             };
             let [lo, hi] = self.limit[a];
             raw.clamp(lo, hi)

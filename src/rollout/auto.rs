@@ -410,7 +410,9 @@ pub(super) fn planner(robot: &Robot, asked: &PolicyConfig) -> Option<PolicyConfi
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::learner::SEEN;
     use crate::tasks;
+    use crate::{Choice, LiveRollout};
     use robert_base::progress::Silent;
     use robert_clip::compile;
 
@@ -425,6 +427,44 @@ mod tests {
         let failed = Trial { precision: None, ..trial(0.0, 0.0) };
         assert_eq!(best(&[failed.clone(), trial(0.1, 0.0)]), Some(1));
         assert_eq!(best(&[failed]), None);
+    }
+
+    /// A fast swing of the light arm, which needs a plan, and what follows from the choice of one.
+    #[test]
+    fn a_planner_is_chosen_where_it_is_clearly_nearer() {
+        let robot = Arc::new(Robot::builtin("ur5e_light").unwrap());
+        let (n, home): (_, Vec<f32>) = (40, robot.home().iter().map(|q| *q as f32).collect());
+        let swing = |f: usize| 0.5 * (f.clamp(10, 20) - 10) as f32 / 10.0;
+        let q = (0..n).flat_map(|f| home.iter().map(move |q| q + swing(f))).collect();
+        let joints = robot.joints().iter().map(|j| j.name.clone()).collect();
+        let seen = vec![true; n * home.len()];
+        let command = Command::from_dense(joints, home.clone(), q, seen).unwrap();
+        let asked = PolicyConfig::new(PolicyName::Auto);
+        let (start, cancel) = (Start::Pose, Cancel::default());
+        let all = Contenders::new(&robot, &asked).unwrap();
+        let chosen = all.perform(&command, &start, 0, 2, &Silent, &cancel).unwrap();
+        assert_eq!(chosen.policy.label(), "ilqr+smooth");
+        let others = chosen.tried.iter().filter(|t| t.policy != "ilqr+smooth");
+        let nearest = others.filter_map(|t| t.precision).fold(f64::INFINITY, f64::min);
+        let own = chosen.rollout.precision().precision.unwrap();
+        assert!(own < 0.9 * nearest && nearest > SEEN, "{own} {nearest}");
+        let mut again = chosen.again(&command, &start, 0, PlantConfig::default()).unwrap();
+        again.run(&cancel).unwrap();
+        assert_eq!(again.actions(), chosen.rollout.actions());
+        // A clip that is edited comes to the same, and the next edit begins with a fast policy.
+        let mut live = LiveRollout::new(&robot, &asked, 0, &command).unwrap();
+        let choice = to_the_end(&mut live);
+        assert_eq!(choice.policy, "ilqr+smooth");
+        assert_eq!(live.shown().actions(), chosen.rollout.actions());
+        assert!(live.step().unwrap().is_none());
+        assert_eq!(live.set_command(&command).unwrap(), 0);
+        assert_eq!(to_the_end(&mut live).tried, choice.tried);
+    }
+
+    fn to_the_end(live: &mut LiveRollout) -> Choice {
+        while live.step().unwrap().is_some() {}
+        while live.step_another() {}
+        live.choose().unwrap()
     }
 
     #[test]

@@ -26,7 +26,7 @@ pub(super) const RACERS: usize = 3;
 const STRICT: usize = 2;
 /// The score from which a planner performs the clip although every joint arrives, rad or m: smaller errors
 /// cannot be seen.
-const SEEN: f64 = 0.001;
+pub(super) const SEEN: f64 = 0.001;
 /// The share of the score that the planner's own motion must gain to be kept. Policies that learned go
 /// first.
 const CLEARLY: f64 = 0.1;
@@ -324,7 +324,9 @@ impl Learner {
         self.strict = self.budget / STRICT;
         let lead = self.lead();
         let (goals, plan, states) = (lead.trial.goals(), lead.trial.plan(), lead.best_states());
-        if self.budget == 0 || detour::budget(goals, plan, states) == 0 {
+        // A planner's own motion that is clearly nearer is hardly found by chance.
+        let found = self.own().is_some();
+        if found || self.budget == 0 || detour::budget(goals, plan, states) == 0 {
             return false;
         }
         // The first better try takes the place of a best motion, if there is none yet.

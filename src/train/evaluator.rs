@@ -64,7 +64,11 @@ impl SuiteEvaluator {
     pub fn new(robot: Arc<Robot>, threads: usize) -> Result<Option<Self>, String> {
         let mut cases = Vec::new();
         for suite in SUITES {
-            let Ok(clips) = tasks::suite(robot.id(), suite) else { continue };
+            let clips = match tasks::suite(robot.id(), suite) {
+                Ok(clips) => clips,
+                Err(tasks::TaskError::NoTasks { .. }) => break,
+                Err(e) => return Err(e.to_string()),
+            };
             for (name, clip) in clips {
                 cases.push(Case::new(suite, &name, &clip)?);
             }

@@ -146,7 +146,7 @@ pub(super) fn actuators(
         }
     }
     if motors.is_empty() {
-        let message = "no joint can be driven: all actuators pull at sites or bodies".to_owned();
+        let message = "no joint can be driven: all actuators pull at sites or bodies; add <motor joint=\"…\"/> for each joint, or remove <actuator> so that the import makes motors".to_owned();
         return Err(Error::Unfit { message, path: config.source.clone() });
     }
     let (damping, armature) = changed_joints(draft, model, &changes);

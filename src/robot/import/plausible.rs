@@ -42,9 +42,10 @@ pub(super) fn check(draft: &mut Draft, model: &Arc<Model>) -> Result<(), Error> 
         })
         .collect();
     draft.warnings.push(format!(
-        "{} motors cannot hold the robot of {mass:.1} kg up in most poses (N m or N): {}{}; check \
+        "{} of {} motors cannot hold the robot of {mass:.1} kg up in most poses (N m or N): {}{}; check \
          masses and units, or --effort",
         weak.len(),
+        model.nu(),
         named.join(", "),
         if weak.len() > NAMED { ", …" } else { "" }
     ));

@@ -191,7 +191,7 @@ pub fn manifest() -> Result<BTreeMap<String, RobotTasks>, TaskError> {
 /// tables.
 ///
 /// # Errors
-/// [`TaskError::NoTasks`], [`TaskError::UnknownSuite`].
+/// [`TaskError::NoTasks`], [`TaskError::UnknownSuite`], [`TaskError::Damaged`].
 pub fn suite(robot: &str, suite: &str) -> Result<Vec<(String, Clip)>, TaskError> {
     let manifest = manifest()?;
     let (folder, tasks) = of(&manifest, robot)?;
