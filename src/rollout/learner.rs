@@ -207,8 +207,9 @@ impl Learner {
 
     /// The planner's own motion, if it is clearly better.
     fn own(&self) -> Option<&Rollout> {
-        let clearly = (1.0 - CLEARLY) * self.lead().least;
-        self.own.as_ref().filter(|(_, score)| *score < clearly).map(|(motion, _)| motion)
+        let least = self.lead().least;
+        let clearly = |score: f64| least > SEEN && score < (1.0 - CLEARLY) * least;
+        self.own.as_ref().filter(|(_, score)| clearly(*score)).map(|(motion, _)| motion)
     }
 
     /// See [`Learner::best`], and the contender.
@@ -255,7 +256,7 @@ impl Learner {
         if lead.is_fast && planned::is_affordable(&lead.trial) {
             // Free of a guide it finds more ways around what blocks a joint; with one it moves naturally.
             let own = self.planner.iter().map(|(_, config)| config.clone());
-            self.plans.extend(own.filter(|_| lead.least > SEEN));
+            self.plans.extend(own.filter(|_| self.budget > 0 || lead.least > SEEN));
             let free = PolicyConfig::floor();
             if self.budget > 0 && !self.plans.contains(&free) {
                 self.plans.push(free);

@@ -238,6 +238,8 @@ export interface Corner {
  * They agree when (q - offset) / coef is the same for all.
  */
 export interface Coupling {
+  /** What holds them together. */
+  kind: CouplingKind;
   /** The joints. */
   members: CouplingMember[];
   /** Tendon or leader name. */
@@ -245,6 +247,13 @@ export interface Coupling {
   /** Allowed difference between members, rad or m. Contact and limits separate them a little. */
   tolerance: number;
 }
+
+/** What holds coupled joints together. */
+export type CouplingKind =
+  /** An actuator pulls all of them; contact can still set them apart. */
+  | "tendon"
+  /** A joint follows another one. */
+  | "mimic";
 
 /** One joint of a coupling: `q = coef * shared + offset`. */
 export interface CouplingMember {
