@@ -87,19 +87,46 @@ fn a_drive_leaves_the_weaker_direction_its_speed() {
     assert!(ran.stdout.contains("armature 0.015 instead of 0.001, damping 2.5 instead of 0.1"));
     assert_eq!(ankle("-8 8", "").1.model().dof_damping()[0], 20.0);
     assert_eq!(ankle("0 8", "").1.model().dof_damping()[0], 20.0, "pulled one way only");
+    // Two that pull against each other.
+    let pair = r#"<mujoco><compiler angle="radian"/><worldbody><body pos="0 0 1"><joint name="ankle" axis="0 1 0" range="-.9 .6" limited="true"/>
+        <geom type="box" size=".1 .04 .02" mass=".7"/></body></worldbody>
+        <actuator><motor joint="ankle" gear="5" ctrllimited="true" ctrlrange="0 8"/>
+        <motor joint="ankle" gear="-5" ctrllimited="true" ctrlrange="0 8"/></actuator></mujoco>"#;
+    assert_eq!(import("pair.xml", pair).1.model().dof_damping()[0], 20.0);
 }
 
 #[test]
 fn servos_give_way_and_computed_torque_knows_it() {
-    let arm = r#"<mujoco><compiler angle="radian"/><worldbody><body pos="0 0 .5"><joint name="lift" axis="0 1 0" range="-1.5 1.5" limited="true" damping="1" armature=".05"/>
-        <geom type="capsule" fromto="0 0 .02 0 0 .25" size=".03" mass="1.2"/>
-        <body pos="0 0 .27"><joint name="elbow" axis="0 1 0" range="-2.3 2.3" limited="true" damping=".6" armature=".03"/>
-          <geom type="capsule" fromto="0 0 .03 0 0 .22" size=".025" mass=".8"/></body></body></worldbody>
-      <actuator><position joint="lift" kp="200" ctrllimited="true" ctrlrange="-1.5 1.5" forcelimited="true" forcerange="-30 30"/>
-        <position joint="elbow" kp="100" ctrllimited="true" ctrlrange="-2.3 2.3" forcelimited="true" forcerange="-15 15"/></actuator></mujoco>"#;
-    let (ran, bot) = import("arm.xml", arm);
-    let keys: &[(u32, &[f64])] = &[(0, &[0.0, 0.0]), (30, &[0.6, -0.8]), (60, &[-0.4, 0.9])];
-    let of = |policy| precision(ran.dir.path(), &bot, keys, policy);
-    let (pd, ct) = (of("pd+smooth"), of("computed-torque+smooth"));
-    assert!(ct < 1e-3 && ct < 0.5 * pd, "{ct} {pd}");
+    // Usual ones, stiff ones, and ones so stiff that they swing.
+    for (kp, most) in [(200, 0.1), (1000, 0.1), (3000, 2.0)] {
+        let arm = format!(
+            r#"<mujoco><compiler angle="radian"/><worldbody><body pos="0 0 .5"><joint name="lift" axis="0 1 0" range="-1.5 1.5" limited="true" damping="1" armature=".05"/>
+            <geom type="capsule" fromto="0 0 .02 0 0 .25" size=".03" mass="1.2"/>
+            <body pos="0 0 .27"><joint name="elbow" axis="0 1 0" range="-2.3 2.3" limited="true" damping=".6" armature=".03"/>
+              <geom type="capsule" fromto="0 0 .03 0 0 .22" size=".025" mass=".8"/></body></body></worldbody>
+          <actuator><position joint="lift" kp="{kp}" ctrllimited="true" ctrlrange="-1.5 1.5"/>
+            <position joint="elbow" kp="{}" ctrllimited="true" ctrlrange="-2.3 2.3"/></actuator></mujoco>"#,
+            kp / 2
+        );
+        let (ran, bot) = import("arm.xml", &arm);
+        let keys: &[(u32, &[f64])] = &[(0, &[0.0, 0.0]), (30, &[0.6, -0.8]), (60, &[-0.4, 0.9])];
+        let of = |policy| precision(ran.dir.path(), &bot, keys, policy);
+        let (pd, ct) = (of("pd+smooth"), of("computed-torque+smooth"));
+        assert!(ct < most * pd, "{kp}: {ct} {pd}");
+    }
+}
+
+#[test]
+fn a_tendon_without_an_actuator_is_no_trouble() {
+    let text = WRIST
+        .replace("RIGHT", "")
+        .replace(r#"<motor tendon="left" ctrllimited="true" ctrlrange="-4 4"/>"#, "");
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::create_dir(dir.path().join("bot")).unwrap();
+    std::fs::write(dir.path().join("bot/robot.xml"), text).unwrap();
+    let profile = "format = \"robert-robot/1\"\nid = \"bot\"\n";
+    std::fs::write(dir.path().join("bot/profile.toml"), profile).unwrap();
+    let (code, _, stderr) = call(dir.path(), &["robots", "show", "bot"]);
+    assert!(code == 0 || stderr.contains("error: "), "{code}: {stderr}");
+    assert_ne!(code, 101, "{stderr}");
 }

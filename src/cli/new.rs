@@ -211,12 +211,15 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let learned = if trained { nearest(&choice, &["robert", "ridge"]) } else { "ridge" };
     let kept = nearest(&choice, &[learned, "pd"]);
     keep(kept, learned, &places, &args.out)?;
-    if let Some(error) = mean_of(&choice, kept).filter(|e| *e > FAR) {
+    let error = mean_of(&choice, kept);
+    if error.is_none_or(|e| e > FAR) {
+        let how = error.map_or_else(
+            || "fails on a trial clip".to_owned(),
+            |e| format!("is {e:.2} {} away from the trial clips on average", motion::unit(&robot)),
+        );
         tracing::warn!(
-            "{kept}, the best policy, is {error:.2} {} away from the trial clips on average: the robot is \
-             not under control. Its motors may be too weak for it, or too few; robert import and \
-             robert robots show name what was assumed",
-            motion::unit(&robot)
+            "{kept}, the best policy, {how}: the robot is not under control. Its motors may be \
+             too weak for it, or too few; robert import and robert robots show name what was assumed"
         );
     }
     report(args, &robot, &found, &choice, kept, [instant_secs, since()])

@@ -149,7 +149,7 @@ fn show(robot: &str, json: bool, toml: bool) -> Outcome {
         model.timestep(),
         if model.contacts() { "on" } else { "off" }
     ))?;
-    let mut t = out::table(&["joint", "unit", "from", "to", "speed", "home"]);
+    let mut t = out::table(&["joint", "unit", "from", "to", "speed", "top speed", "home"]);
     for (j, home) in robot.joints().iter().zip(robot.home()) {
         let end = |v: f64| if v.is_finite() { fixed(v, 3) } else { "-".to_owned() };
         t.add_row([
@@ -158,6 +158,7 @@ fn show(robot: &str, json: bool, toml: bool) -> Outcome {
             end(j.range[0]),
             end(j.range[1]),
             format!("{:.3}", j.speed_limit),
+            format!("{:.3}", j.top_speed),
             fixed(home, 3),
         ]);
     }
@@ -259,7 +260,11 @@ fn settle(robot: &str, pose: Option<&str>, set: &[String], json: bool) -> Outcom
     let (name, unit) = worst.map_or(("", Unit::Rad), |j| (j.name.as_str(), j.unit));
     out::line(&format!(
         "{}: worst {} {} at {name} (tolerance {tolerance})",
-        if s.within { "reached" } else { "not reached" },
+        match (s.within, s.rests) {
+            (true, _) => "reached",
+            (false, true) => "not reached",
+            (false, false) => "not reached, and still moving",
+        },
         fixed(s.worst, 4),
         unit.symbol()
     ))

@@ -17,7 +17,7 @@
 use super::env::has_tendons;
 use robert_base::rng::{Rng, Stream};
 use robert_base::units::CTRL_DT;
-use robert_robot::{Coupling, Drive, Robot};
+use robert_robot::{Drive, Robot};
 
 /// Correlation time, seconds.
 const TAU_SECS: [f64; 2] = [0.06, 4.0];
@@ -106,12 +106,7 @@ fn reach(robot: &Robot, k: usize) -> (f64, f64) {
 fn member(robot: &Robot, k: usize) -> Option<&str> {
     match &robot.actuators().get(k)?.drive {
         Drive::Joint(name) => Some(name),
-        Drive::Tendon(tendon) => robot.profile().couplings.iter().find_map(|c| match c {
-            Coupling::Tendon { name, joints, .. } if name == tendon => {
-                joints.first().map(String::as_str)
-            }
-            _ => None,
-        }),
+        Drive::Tendon(tendon) => robot.tendon_joints(tendon).first().copied(),
         Drive::Other(_) => None,
     }
 }

@@ -17,7 +17,7 @@ const FIELD_CELLS: usize = 1024;
 
 impl Scene {
     /// The visible content of a compiled model. Geom `i` of the scene is geom `i` of the model. A
-    /// horizontal infinite plane becomes the floor. A model without one gets a floor below its
+    /// horizontal plane of the world becomes the floor. A model without one gets a floor below its
     /// lowest point, or at zero if it is above that.
     ///
     /// # Errors
@@ -303,15 +303,16 @@ fn geom(model: &Model, i: usize, fields: usize) -> Geom {
     }
 }
 
-/// Height of a horizontal infinite plane of the world.
+/// Height of a horizontal plane of the world. It collides without end, whatever size it is drawn with.
 fn floor_height(model: &Model, i: usize, geom: &Geom) -> Option<f32> {
-    let Shape::Plane { half_x, half_y } = geom.shape else { return None };
+    if !matches!(geom.shape, Shape::Plane { .. }) {
+        return None;
+    }
     let quat = model.geom_quat().get(4 * i..4 * i + 4)?;
     // The plane's normal points up: the quaternion turns about z only.
     let level = quat[1].abs() < 1e-6 && quat[2].abs() < 1e-6;
-    let endless = half_x <= 0.0 || half_y <= 0.0;
     let up = model.geom_pos().get(3 * i + 2)?;
-    (level && endless && geom.body == 0).then_some(*up as f32)
+    (level && geom.body == 0).then_some(*up as f32)
 }
 
 fn range(adr: &[i32], num: &[i32], i: usize, k: usize) -> Option<std::ops::Range<usize>> {

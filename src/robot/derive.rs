@@ -98,6 +98,8 @@ pub(super) fn complete(
     }
     if let Some(list) = &written.couplings
         && *list != derived.couplings
+        // Older profiles list every tendon.
+        && *list != couplings(model, false)?
     {
         return Err(mismatch(
             "the couplings differ from the tendons and equalities of the model; \
@@ -189,7 +191,7 @@ pub(super) fn complete(
 pub fn derive(model: &Model, id: &str, path: &Path) -> Result<Profile, Error> {
     let ids = state_joints(model, path)?;
     let actuators = actuators(model);
-    let couplings = couplings(model)?;
+    let couplings = couplings(model, true)?;
     let joints = ids.iter().map(|&j| joint(model, j)).collect::<Vec<_>>();
     let mut poses = BTreeMap::new();
     let home = model.name(Kind::Key, 0).unwrap_or("rest").to_owned();
@@ -253,16 +255,6 @@ pub(super) fn digits(v: f64, n: i32) -> f64 {
 
 /// Greatest torque of the motors of a joint, N m or N; `None` if it has none.
 pub(super) fn torque_limit(model: &Model, joint: usize) -> Option<f64> {
-    torque(model, joint, f64::max)
-}
-
-/// The same in the weaker direction; that of the other one for a joint that is only pulled one way.
-pub(super) fn weaker_torque(model: &Model, joint: usize) -> Option<f64> {
-    torque(model, joint, f64::min).filter(|t| *t > 0.0).or_else(|| torque_limit(model, joint))
-}
-
-/// The sum over the motors of a joint of `side` of their two limits.
-fn torque(model: &Model, joint: usize, side: fn(f64, f64) -> f64) -> Option<f64> {
     let mut force = None;
     for a in 0..model.nu() {
         if !is_motor(model, a) {
@@ -276,7 +268,7 @@ fn torque(model: &Model, joint: usize, side: fn(f64, f64) -> f64) -> Option<f64>
                 .map_or(0.0, |(_, c)| c.abs()),
             _ => continue,
         };
-        let limit = ctrlrange(model, a).map_or(0.0, |[lo, hi]| side(lo.abs(), hi.abs()));
+        let limit = ctrlrange(model, a).map_or(0.0, |[lo, hi]| lo.abs().max(hi.abs()));
         let gear = model.actuator_gear()[6 * a].abs();
         let gain = model.actuator_gainprm()[10 * a].abs();
         if lever > 0.0 {
@@ -284,6 +276,28 @@ fn torque(model: &Model, joint: usize, side: fn(f64, f64) -> f64) -> Option<f64>
         }
     }
     force
+}
+
+/// Greatest torque of the motors of a joint in the weaker direction, N m or N; that of the other one for a
+/// joint that is only pulled one way. `None` if it has no motor.
+pub(super) fn weaker_torque(model: &Model, joint: usize) -> Option<f64> {
+    let (mut down, mut up) = (0.0, 0.0);
+    for a in (0..model.nu()).filter(|a| is_motor(model, *a)) {
+        let lever = match model.transmission(a) {
+            Some(Transmission::Joint(j)) if j == joint => 1.0,
+            Some(Transmission::Tendon(t)) => {
+                let own = tendon_joints(model, t).into_iter().find(|(j, _)| *j == joint);
+                own.map_or(0.0, |(_, c)| c)
+            }
+            _ => continue,
+        };
+        let factor = lever * model.actuator_gear()[6 * a] * model.actuator_gainprm()[10 * a];
+        let [lo, hi] = ctrlrange(model, a).unwrap_or_default().map(|c| c * factor);
+        down += -lo.min(hi).min(0.0);
+        up += lo.max(hi).max(0.0);
+    }
+    let (weaker, stronger) = (f64::min(down, up), f64::max(down, up));
+    Some(if weaker > 0.0 { weaker } else { stronger }).filter(|t| *t > 0.0)
 }
 
 /// Whether an actuator's control is a force: fixed gain, no bias, no dynamics.
@@ -338,12 +352,13 @@ pub(super) fn tendon_joints(model: &Model, t: usize) -> Vec<(usize, f64)> {
         .collect()
 }
 
-/// Joints that the actuators cannot move one by one: those of a tendon, and of an equality.
-fn couplings(model: &Model) -> Result<Vec<Coupling>, Error> {
+/// Joints that one actuator moves together: those of a tendon, and of an equality. With `only_tied`
+/// tendons are left out whose joints other actuators set apart.
+fn couplings(model: &Model, only_tied: bool) -> Result<Vec<Coupling>, Error> {
     const EQ_JOINT: i32 = 2; // mjEQ_JOINT
     let joint_name = |j: usize| model.name(Kind::Joint, j).unwrap_or_default().to_owned();
     let mut found = Vec::new();
-    let apart = (model.ntendon() > 0).then(|| Apart::of(model)).transpose()?;
+    let apart = (only_tied && model.ntendon() > 0).then(|| Apart::of(model)).transpose()?;
     for t in 0..model.ntendon() {
         let members = tendon_joints(model, t);
         if members.len() < 2 || apart.as_ref().is_some_and(|a| a.moves_each(&members)) {
@@ -409,6 +424,9 @@ impl Apart {
     /// Whether the actuators move each of these joints by itself, as the two motors of a differential
     /// do.
     fn moves_each(&self, members: &[(usize, f64)]) -> bool {
+        if self.moments.nrows() < members.len() || !self.moments.iter().all(|m| m.is_finite()) {
+            return false;
+        }
         let columns = members.iter().map(|(j, _)| self.moments.column(self.dofs[*j]));
         let own = DMatrix::from_columns(&columns.collect::<Vec<_>>());
         own.rank(Apart::LEAST) == members.len()

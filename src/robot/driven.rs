@@ -1,9 +1,16 @@
 //! The joints that the actuators can move.
 
-use super::{Coupling, Error, Robot};
-use robert_mujoco::Data;
+use super::{Coupling, Error, Robot, derive};
+use robert_mujoco::{Data, Kind};
 
 impl Robot {
+    /// The joints of a fixed tendon, by its name; empty for a spatial one.
+    pub fn tendon_joints(&self, tendon: &str) -> Vec<&str> {
+        let Some(id) = self.model().id(Kind::Tendon, tendon) else { return Vec::new() };
+        let members = derive::tendon_joints(self.model(), id).into_iter();
+        members.map(|(j, _)| self.joints()[j].name.as_str()).collect()
+    }
+
     /// For each state joint, whether an actuator moves it, directly or through a joint that it
     /// follows; (S). All other joints are passive.
     ///

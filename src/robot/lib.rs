@@ -421,7 +421,7 @@ impl Robot {
                 range: j.range.unwrap_or([f64::NEG_INFINITY, f64::INFINITY]),
                 unbounded: j.range.is_none(),
                 speed_limit: j.speed_limit,
-                top_speed: j.top_speed.unwrap_or(j.speed_limit),
+                top_speed: j.top_speed.unwrap_or(0.0).max(j.speed_limit),
                 acceleration_limit: j.acceleration_limit.unwrap_or(f64::INFINITY),
                 id,
                 qposadr: index(model.jnt_qposadr()[id]),

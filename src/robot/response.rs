@@ -58,28 +58,26 @@ impl Response {
         Some(Response { coast, way, keep, speed })
     }
 
-    /// The factor by which the slowest speed decays per frame under the torque that brings every joint
-    /// exactly to its goal at the end of it; `None` if no torque does.
-    pub fn leaves_of_speed(&self) -> Option<f64> {
-        let inverse = self.way.clone().try_inverse()?;
-        Some(lasting(&self.keep - &self.speed * inverse * &self.coast))
+    /// The factor by which the slowest disturbance decays per frame under the torque u = way (r - q) +
+    /// speed v, (nv, nv) each. Infinite if it grows without bound.
+    pub fn under(&self, way: &DMatrix<f64>, speed: &DMatrix<f64>) -> f64 {
+        let nv = way.nrows();
+        let mut frame = DMatrix::zeros(2 * nv, 2 * nv);
+        let mut put = |row: usize, column: usize, block: DMatrix<f64>| {
+            frame.view_mut((row, column), (nv, nv)).copy_from(&block);
+        };
+        put(0, 0, DMatrix::identity(nv, nv) - &self.way * way);
+        put(0, nv, &self.coast + &self.way * speed);
+        put(nv, 0, -(&self.speed * way));
+        put(nv, nv, &self.keep + &self.speed * speed);
+        lasting(frame)
     }
 
     /// The factor by which the slowest disturbance decays per frame when each joint is driven by u
     /// = -kp q - kd v. Infinite if it grows without bound.
     pub fn lasting(&self, kp: &[f64], kd: &[f64]) -> f64 {
-        let nv = kp.len();
         let (kp, kd) = (DVector::from_row_slice(kp), DVector::from_row_slice(kd));
-        let (kp, kd) = (DMatrix::from_diagonal(&kp), DMatrix::from_diagonal(&kd));
-        let mut frame = DMatrix::zeros(2 * nv, 2 * nv);
-        let mut put = |row: usize, column: usize, block: DMatrix<f64>| {
-            frame.view_mut((row, column), (nv, nv)).copy_from(&block);
-        };
-        put(0, 0, DMatrix::identity(nv, nv) - &self.way * &kp);
-        put(0, nv, &self.coast - &self.way * &kd);
-        put(nv, 0, -(&self.speed * &kp));
-        put(nv, nv, &self.keep - &self.speed * &kd);
-        lasting(frame)
+        self.under(&DMatrix::from_diagonal(&kp), &-DMatrix::from_diagonal(&kd))
     }
 }
 

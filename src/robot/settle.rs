@@ -75,12 +75,12 @@ impl Robot {
         };
         let settle = &self.profile().settle;
         steps(&mut data, settle.frames)?;
-        // At first the speed tells whether a joint rests, then how far it came in a second.
+        // How far a joint comes in a second tells whether it rests.
         let still = STILL * settle.tolerance;
         let is_off = |j: usize, q: &[f64]| (q[j] - target[j]).abs() > settle.tolerance;
-        let (mut reached, v) = (self.state(&data), self.velocity(&data));
-        let mut rests = !(0..v.len()).any(|j| is_off(j, &reached) && v[j].abs() > still);
-        for _ in 0..(longest - 1) * settle.frames / FPS {
+        let mut reached = self.state(&data);
+        let mut rests = !(0..reached.len()).any(|j| is_off(j, &reached));
+        for _ in 0..((longest - 1) * settle.frames).div_ceil(FPS) {
             if rests {
                 break;
             }

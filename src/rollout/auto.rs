@@ -398,8 +398,8 @@ pub(super) fn configs(robot: &Robot, asked: &PolicyConfig) -> Result<Vec<PolicyC
     Ok(list)
 }
 
-/// The planner whose own motion may be chosen, if any policy may. On robots that it plans far ahead it
-/// sees a smooth motion through the gaps, because nothing else would make it move naturally there.
+/// The planner whose own motion may be chosen, if any policy may. Its cost on small robots has no term for
+/// gaps, so it gets smooth goals there.
 pub(super) fn planner(robot: &Robot, asked: &PolicyConfig) -> Option<PolicyConfig> {
     let free = asked.name == PolicyName::Auto && asked.guide == Guide::None;
     let ahead = IlqrConfig::for_robot(robot).guide_weight == 0.0;

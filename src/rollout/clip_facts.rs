@@ -110,9 +110,9 @@ pub struct Settler<'a> {
 /// What the simulation finds out about a pose.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Examined {
-    /// Pairs of bodies that overlap, with the depth, m.
+    /// Pairs of bodies that overlap, with the depth, m; the deepest first.
     pub contacts: Vec<(String, String, f64)>,
-    /// The settled pose, (S); `None` if joints still move, or the simulation diverged.
+    /// The settled pose, (S); `None` if the simulation diverged.
     pub settled: Option<Vec<f64>>,
 }
 
@@ -131,9 +131,9 @@ impl<'a> Settler<'a> {
     /// [`robert_robot::Error::Simulator`], [`robert_robot::Error::Length`].
     pub fn examine(&mut self, state: &[f64]) -> Result<Examined, robert_robot::Error> {
         let contacts = self.overlaps(state)?;
-        // A pose that makes the simulation diverge, or whose joints still move, has no settled pose.
-        let settled = self.robot.settle(state).ok().filter(|s| s.within || s.rests);
-        Ok(Examined { contacts, settled: settled.map(|s| s.reached) })
+        // A pose may be so far off that the simulation diverges.
+        let settled = self.robot.settle(state).ok().map(|s| s.reached);
+        Ok(Examined { contacts, settled })
     }
 
     /// Bodies that overlap, and the depth, m.
@@ -159,6 +159,7 @@ impl<'a> Settler<'a> {
             .collect();
         found.sort_by(|x, y| (&x.0, &x.1).cmp(&(&y.0, &y.1)).then(y.2.total_cmp(&x.2)));
         found.dedup_by(|later, first| later.0 == first.0 && later.1 == first.1);
+        found.sort_by(|x, y| y.2.total_cmp(&x.2));
         Ok(found)
     }
 }

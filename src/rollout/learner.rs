@@ -83,10 +83,11 @@ pub(super) struct Learner {
     planned: Option<Planned>,
     /// Planners whose turn comes after this one.
     plans: Vec<PolicyConfig>,
-    /// The contender that plans; `None` if its motion must not be chosen.
+    /// The planner and its place after the contenders; `None` if its motion must not be chosen.
     planner: Option<(usize, PolicyConfig)>,
-    /// The motion of the planner and its score, once the policy has followed it.
-    own: Option<(Rollout, f64)>,
+    /// The motion of the planner, its score, and whether it is as natural in gaps as the contenders'; once
+    /// the policy has followed it.
+    own: Option<(Rollout, f64, bool)>,
     /// Frames at which joints are off their goals on the planner's path, once it is known.
     floor: Option<Vec<Off>>,
     /// The frames of the search under a strict judge; 0 once it has begun.
@@ -111,7 +112,7 @@ pub(super) struct Learner {
 
 impl Learner {
     /// A learner on `threads` threads, on whose number the result does not depend. `None` without a
-    /// racer. `planner` is the contender whose policy is the planner, if its motion may be chosen.
+    /// racer. `planner` is the planner whose motion may be chosen, and its place after the contenders.
     pub(super) fn new(
         racers: Vec<Repeats>,
         planner: Option<(usize, PolicyConfig)>,
@@ -195,6 +196,11 @@ impl Learner {
         }
     }
 
+    /// The contender that leads among those that repeat the clip.
+    pub(super) fn leader(&self) -> usize {
+        self.lead().at
+    }
+
     /// How often the contender that leads has found a better motion.
     pub(super) fn improvements(&self) -> usize {
         self.lead().improvements + usize::from(self.own().is_some())
@@ -207,16 +213,17 @@ impl Learner {
 
     /// The planner's own motion, if it is clearly better.
     fn own(&self) -> Option<&Rollout> {
-        let least = self.lead().least;
-        let clearly = |score: f64| least > SEEN && score < (1.0 - CLEARLY) * least;
-        self.own.as_ref().filter(|(_, score)| clearly(*score)).map(|(motion, _)| motion)
+        let (least, own) = (self.lead().least, self.own.as_ref());
+        let (motion, score, natural) = own.filter(|_| least > SEEN)?;
+        let gain = if *natural { CLEARLY } else { FAR_NEARER };
+        (*score < (1.0 - gain) * least).then_some(motion)
     }
 
     /// See [`Learner::best`], and the contender.
     pub(super) fn into_best(mut self) -> Option<(usize, Rollout)> {
         let at = self.at();
         if self.own().is_some() {
-            return self.own.map(|(motion, _)| (at, motion));
+            return self.own.map(|(motion, ..)| (at, motion));
         }
         let lead = self.racers.swap_remove(self.place());
         Some((at, lead.into_best()?))
@@ -244,8 +251,8 @@ impl Learner {
         !going.is_empty()
     }
 
-    /// Begins to plan, if joints still stay away after the passes; false if they do not, or if no
-    /// planner can.
+    /// Begins to plan, if joints still stay away after the passes, or an error is left that could be seen;
+    /// false if not, or if no planner can.
     fn begin_plan(&mut self) -> bool {
         let all = self.frames();
         let lead = self.racers.swap_remove(self.place());
@@ -311,13 +318,12 @@ impl Learner {
         }
     }
 
-    /// The planner's own motion with its score, if it may be chosen and is as natural as the contenders', or
-    /// so much nearer that this does not matter.
-    fn score_own(&self, motion: Rollout) -> Option<(Rollout, f64)> {
+    /// The planner's own motion, its score, and whether it is as natural in gaps as the least natural
+    /// contender.
+    fn score_own(&self, motion: Rollout) -> Option<(Rollout, f64, bool)> {
         let score = self.lead().judge().score(&motion)?;
         let natural = unnatural(&motion) <= self.natural;
-        let may = natural || score < (1.0 - FAR_NEARER) * self.lead().least;
-        (self.planner.is_some() && may).then_some((motion, score))
+        Some((motion, score, natural))
     }
 
     /// Begins to search; false if every joint arrives by now.
@@ -358,7 +364,10 @@ impl Learner {
         let detours = Detours::new(best.goals(), best.plan(), best.states(), shift, &judge);
         self.detours = Some(detours);
         self.lead_mut().judge_by(judge);
-        self.own = self.own.take().and_then(|(motion, _)| self.score_own(motion));
+        self.own = self.own.take().and_then(|(motion, ..)| self.score_own(motion));
+        if self.own().is_some() {
+            return false;
+        }
         self.budget = budget;
         self.check_every = budget / CHECKS;
         self.check = (budget - self.check_every, self.lead().least);

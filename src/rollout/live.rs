@@ -122,11 +122,11 @@ impl LiveRollout {
         self.differing = differing(&policies, &goals);
         (self.command, self.frames) = (command.clone(), goals.frames());
         self.edit += 1;
-        self.learner = None;
+        let leader = self.learner.take().map(|learner| learner.leader());
         let corrected = std::mem::take(&mut self.shown.1) > 0;
         if self.shown.0 == self.contenders.len() {
             // A planner is too slow to be the first after an edit.
-            self.shown.0 = 0;
+            self.shown.0 = leader.unwrap_or(0);
         }
         self.take_up(self.shown.0)?;
         Ok(if corrected { 0 } else { self.shown().frame() })

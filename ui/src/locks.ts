@@ -4,7 +4,7 @@ import { followers } from "./couplings";
 import * as store from "./store";
 import { tell } from "./wire";
 
-/** Joints that one actuator moves along with this one. */
+/** Joints that follow this one, or that it follows. */
 function bound(name: string): string[] {
   return followers().flatMap((c) =>
     c.members?.some((m) => m.joint === name) ? c.members.map((m) => m.joint) : [],

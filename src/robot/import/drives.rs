@@ -120,7 +120,7 @@ fn missing(model: &Model, id: usize, draft: &Draft, named: Option<f64>) -> Optio
     let weaker = weaker_torque(model, id).unwrap_or(torque);
     Some(Drive {
         armature: digits(armature.max(ROTOR * weaker), DIGITS),
-        damping: digits(damping.max(weaker / speed), DIGITS),
+        damping: digits(damping.max(weaker / speed).max(torque / FREE_SPEED), DIGITS),
         speed,
         named: named.is_some(),
         torque: weaker,

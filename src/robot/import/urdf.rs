@@ -440,7 +440,7 @@ impl<'a> Tree<'a> {
             }
         };
         let [x, y, z] = j.axis;
-        let own = Some(j.limit.effort).filter(|e| e.is_finite() && *e > 0.0);
+        let own = Some(j.limit.effort).filter(|e| e.is_finite() && *e > 0.0).or(self.config.effort);
         let armature = own.map_or(ARMATURE, |e| digits(e * ARMATURE_OF_LIMIT, 4).min(ARMATURE));
         write!(self.body, "{pad}  <joint name=\"{}\" type=\"{kind}\" axis=\"{x} {y} {z}\" armature=\"{armature}\"", escape(&j.name)).ok();
         if let Some(d) = &j.dynamics {

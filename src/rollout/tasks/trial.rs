@@ -160,7 +160,7 @@ fn clear_sway(robot: &Robot, poses: &[Vec<f64>], driven: &[bool]) -> Result<Clip
         let clip = sway(robot, far, slower);
         let mut worst = 0.0_f64;
         for moment in moments(&clip) {
-            let residual = robot.settle(&moment)?.residual;
+            let residual = robot.settle_from(&robot.home(), &moment)?.residual;
             let asked = residual.iter().zip(driven).filter(|(_, d)| **d);
             worst = asked.fold(worst, |worst, (r, _)| worst.max(*r));
         }
