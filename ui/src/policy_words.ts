@@ -48,7 +48,8 @@ const WORDS: Record<PolicyName, Words> = {
   },
   auto: {
     title: "Automatic",
-    about: "Tries several policies on the clip, repeats the best and corrects what it missed. A planner takes over where it is clearly nearer.",
+    about:
+      "Tries several policies on the clip, repeats the best and corrects what it missed. A planner takes over where it is clearly nearer.",
   },
 };
 
