@@ -1,8 +1,8 @@
 //! `robert new`: from a foreign robot's file to a policy that performs it, in one command.
 //!
-//! The steps are: import the file, collect random motion, fit the linear regression `ridge` (the
-//! instant policy, usable at once), and train the network. Then the network, the instant policy and
-//! proportional control perform trial clips. The one with the smallest error is kept in the robot's
+//! The steps are: import the file, collect random motion, fit the linear regression `ridge`,
+//! which is usable at once, and train the network. Then the network, `ridge` and proportional control
+//! perform trial clips. The one with the smallest error is kept in the robot's
 //! folder, where every other command finds it. Each step is the command of that name with its own
 //! defaults. A stopped run continues at the step where it was.
 
@@ -40,7 +40,7 @@ use crate::units::{Unit, count};
 
 /// Steps of the run that measures the speed of this machine.
 const PROBE_STEPS: u64 = 12;
-/// Differences between the last frames that the closed form sees on a robot that drives joints without
+/// Differences between the last frames that `ridge` sees on a robot that drives joints without
 /// damping, if it would see fewer.
 const UNDAMPED_HISTORY: usize = 6;
 /// The share of the given minutes for training steps; the rest is for evaluation.
@@ -81,7 +81,7 @@ pub(super) struct Args {
     /// Frames of random motion to collect, at least 10k; written as 200000, 200k or 2.5M.
     #[arg(long, default_value = "200k", value_parser = transitions)]
     transitions: u64,
-    /// Minutes of training on this machine; 0 stops at the instant policy.
+    /// Minutes of training on this machine; 0 stops at `ridge`.
     #[arg(long, default_value_t = 8.0)]
     minutes: f64,
     /// Preset of the network.
@@ -117,7 +117,7 @@ impl Places {
 pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let minutes = args.minutes;
     if !(minutes.is_finite() && minutes >= 0.0) {
-        return Err(Failure::usage(format!("--minutes {minutes} is no time")));
+        return Err(Failure::usage(format!("--minutes takes 0 or more, not {minutes}")));
     }
     let begin = Instant::now();
     let since = || begin.elapsed().as_secs_f64();
@@ -167,7 +167,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
 
     describe(&data, &robot).iter().for_each(|line| say(&format!("  {line}")));
 
-    say("3 fit: the closed form for every gap");
+    say("3 fit: ridge, with one linear map for each length of gap");
     if !model_path(&places.instant).is_file() {
         let usual = TrainConfig {
             seed: args.seed,
@@ -201,7 +201,9 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     }
 
     let last = if args.minutes > 0.0 { 5 } else { 4 };
-    say(&format!("{last} compare: trial clips that nothing was chosen on"));
+    say(&format!(
+        "{last} compare: trial clips of seeds 2 and 3 choose, those of seed 1 are reported"
+    ));
     let found = compare(&robot, &places, trained, REPORT, threads, &cancel, global)?;
     let mut choice = Vec::new();
     for seed in CHOOSE {
@@ -317,7 +319,7 @@ fn describe(data: &Dataset, robot: &Robot) -> Vec<String> {
     lines
 }
 
-/// Differences between the last frames that the closed form sees; 0 is what is usual for the robot,
+/// Differences between the last frames that `ridge` sees; 0 is what is usual for the robot,
 /// which is more than [`UNDAMPED_HISTORY`] if it has an endless slide.
 fn history(robot: &Robot) -> usize {
     let endless = robot.joints().iter().any(|j| j.unbounded && j.unit == Unit::M);

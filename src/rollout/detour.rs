@@ -13,11 +13,13 @@ use super::run::Rollout;
 use super::window::{Goals, HISTORY};
 use robert_base::rng::{Rng, Stream};
 
-/// Frames that are simulated, as a multiple of those of the clip, and at most.
+/// Frames that are simulated, as a multiple of those of the clip.
 const BUDGET: usize = 80;
+/// Frames that are simulated at most, for a robot of 24 joints.
 const MOST: usize = 32_000;
-/// Frames before a large error at which a movement begins, and after it at which it ends.
+/// Frames before a large error at which a movement begins.
 const BEFORE: u64 = 20;
+/// Frames after a large error at which a movement ends.
 const AFTER: u64 = 25;
 /// Joints that move besides the one with the error, on average (nearly).
 const OTHERS: f64 = 1.0;
@@ -46,8 +48,9 @@ struct Place {
 pub(super) struct Detours {
     /// The correction of that motion; (frames, S).
     shift: Vec<f64>,
-    /// Its states, 30 of history first; (30 + frames, S). The penalty of its gaps, rad or m.
+    /// Its states, 30 of history first; (30 + frames, S).
     states: Vec<f64>,
+    /// The penalty of its gaps, rad or m.
     gaps: f64,
     judge: Judge,
     /// Where joints stay away from their goals in it, or move unnaturally.
@@ -62,11 +65,13 @@ pub(super) struct Detours {
 pub(super) struct Try {
     /// The correction; (frames, S).
     pub(super) shift: Vec<f64>,
-    /// The sum by which its errors are larger, and the frames that were summed.
+    /// The sum by which its errors are larger.
     worse: f64,
+    /// The frames that were summed.
     summed: usize,
-    /// The frame from which it is compared as soon as it gains nothing more, and whether it was.
+    /// The frame from which it is compared as soon as it gains nothing more.
     settled: usize,
+    /// Whether it was compared.
     compared: bool,
 }
 

@@ -32,11 +32,13 @@ const FARTHEST: f64 = 0.2;
 struct Correction {
     /// The correction of the next pass; (frames, S).
     shift: Vec<f64>,
-    /// The best correction so far, and the errors it left; (frames, S).
+    /// The best correction so far; (frames, S).
     best: Vec<f64>,
+    /// The errors that it left; (frames, S).
     missed: Vec<f64>,
-    /// The sum of these errors, and the next step, of each second of each joint; (seconds, S).
+    /// The sum of these errors over each second of each joint; (seconds, S).
     least: Vec<f64>,
+    /// The next step of each second of each joint; (seconds, S).
     step: Vec<Step>,
 }
 
@@ -129,8 +131,9 @@ pub(super) struct Repeats {
     spare: Option<Rollout>,
     /// The best motion, if it is better than the one from which it learned.
     best: Option<Rollout>,
-    /// The best error so far, with the penalty for unnatural motion in gaps; and that penalty.
+    /// The best error so far, with the penalty for unnatural motion in gaps.
     pub(super) least: f64,
+    /// That penalty.
     pub(super) gaps: f64,
     /// States of the motion from which it learned, 30 of history first; (30 + frames, S).
     states: Vec<f64>,

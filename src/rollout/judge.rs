@@ -20,7 +20,7 @@ use robert_robot::{Coupling, Robot};
 /// Weight that a strict judge gives to the errors of joints that jam: a joint that comes free may cost
 /// the others four fifths of what it gains.
 const JAMS: f64 = 5.0;
-/// The share by which the usual sum may grow under a strict judge, which nobody sees.
+/// Under a strict judge the usual sum may grow by this share, which is too little to see.
 const GIVES: f64 = 0.03;
 
 /// Weight of the error of coupled joints together, beside their own: it only decides ties.

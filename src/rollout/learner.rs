@@ -16,9 +16,9 @@ use super::planned::{self, Planned};
 use super::registry::PolicyConfig;
 use super::run::Rollout;
 
-/// The number of checks of a search, and the share of the error that it must gain between two to go
-/// on.
+/// The number of checks of a search.
 const CHECKS: usize = 4;
+/// The share of the error that a search must gain between two checks to go on.
 const GAINS: f64 = 0.0005;
 /// The number of contenders that repeat the clip.
 pub(super) const RACERS: usize = 3;
@@ -77,9 +77,9 @@ impl Stage {
 pub(super) struct Learner {
     /// The contenders that repeat the clip; after the passes, the best one alone.
     racers: Vec<Repeats>,
-    /// The frames that the search may still simulate, the planner before it, the search, its tries, and
-    /// rollouts for more.
+    /// The frames that the search may still simulate.
     budget: usize,
+    /// The planner whose path is followed before the search.
     planned: Option<Planned>,
     /// Planners whose turn comes after this one.
     plans: Vec<PolicyConfig>,
@@ -97,8 +97,11 @@ pub(super) struct Learner {
     /// The largest penalty of these motions for unnatural motion in gaps. The planner's path may lead
     /// to as much; the search then stays below what it started from.
     natural: f64,
+    /// The search, once it has begun.
     detours: Option<Detours>,
+    /// The tries that are simulated now.
     attempts: Vec<Attempt>,
+    /// Rollouts for more of them.
     spare: Vec<Rollout>,
     threads: usize,
     /// The budget at which the search ends unless it has gained enough since the last such check, and

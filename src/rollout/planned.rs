@@ -34,8 +34,9 @@ pub(super) struct Planned {
     /// The settings of the planner.
     pub(super) config: PolicyConfig,
     planner: Rollout,
-    /// Whether the first correction was made, and the passes since then.
+    /// Whether the first correction was made.
     pub(super) began: bool,
+    /// The passes since then.
     pub(super) passes: usize,
     /// The correction of the next pass; (frames, S).
     shift: Vec<f64>,

@@ -20,9 +20,9 @@ pub struct Goals {
     q: Vec<f64>,
     /// (frames, dim).
     visible: Vec<bool>,
-    /// Whether this frame is in a gap whose straight line may be used, and whether the joint has no
-    /// goal after this frame; (frames, dim).
+    /// Whether this frame is in a gap whose straight line may be used; (frames, dim).
     in_gap: Vec<bool>,
+    /// Whether the joint has no goal after this frame; (frames, dim).
     last: Vec<bool>,
     /// The command beyond the end; (dim).
     end: Vec<f64>,
