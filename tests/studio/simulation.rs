@@ -153,3 +153,32 @@ fn poses_are_judged_by_simulation_and_can_be_solved() {
     );
     assert_eq!(studio.post("/api/kinematics", &json!({"q": [[0.0]]})).status, 400);
 }
+
+/// A page that is told of another document forgets the rollout of the last one. So what it hears of the
+/// rollout comes later.
+#[test]
+fn a_document_is_told_before_its_rollout() {
+    let dir = tempfile::tempdir().unwrap();
+    let studio = open(&dir);
+    studio.socket().ask("rollout.set", &json!({"policy": "pd"}));
+    let mut pages: Vec<_> = (0..8).map(|_| studio.socket()).collect();
+    for _ in 0..25 {
+        let opened = studio.post("/api/new", &json!({"text": CLIP})).json()["opened"].clone();
+        assert!(opened.is_u64());
+        let generation = studio.rolled_out(0)["state"]["gen"].clone();
+        for page in &mut pages {
+            let mut told = false;
+            loop {
+                let event = page.json();
+                told = told || event["document"]["opened"] == opened;
+                if event["event"] == "rollout.state"
+                    && event["gen"] == generation
+                    && event["phase"] == "done"
+                {
+                    assert!(told, "the rollout came before document {opened}");
+                    break;
+                }
+            }
+        }
+    }
+}

@@ -16,7 +16,8 @@ use axum::extract::ws::{Message, Utf8Bytes, WebSocket, WebSocketUpgrade};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use serde_json::value::RawValue;
-use tokio::sync::broadcast::error::RecvError;
+use tokio::sync::broadcast::Receiver;
+use tokio::sync::broadcast::error::{RecvError, TryRecvError};
 use tokio::task::JoinSet;
 
 use super::answer::Refused;
@@ -25,7 +26,7 @@ use super::op;
 use super::server::ended;
 use crate::document::Edit;
 use crate::protocol;
-use crate::protocol::{Edited, Error, ErrorBody, Event, Outcome, STUDIO_OPS, StudioOp};
+use crate::protocol::{Edited, Error, ErrorBody, Event, Outcome, STUDIO_OPS, Sent, StudioOp};
 use crate::session::{Author, Write};
 use crate::state::App;
 use robert_base::limits;
@@ -141,15 +142,11 @@ impl Client {
                     }
                 }
                 event = events.recv() => match event {
-                    Ok(sent) => {
-                        let own = sent.acknowledges.filter(|(by, _)| *by == self.number);
-                        if let Some((_, id)) = own {
-                            self.unacked.retain(|(waiting, _)| *waiting != id);
-                        }
-                        self.send_text(sent.text).await
-                    }
+                    Ok(sent) => self.pass_on(sent).await,
                     Err(RecvError::Lagged(_)) => {
                         events = events.resubscribe();
+                        // A page that gets another document forgets the rollout of the last one.
+                        (seen, due) = (0, Some(tokio::time::Instant::now()));
                         self.start_afresh().await
                     }
                     Err(RecvError::Closed) => Err(Gone),
@@ -168,11 +165,9 @@ impl Client {
                     Ok(())
                 }
                 () = sleep_until(due), if due.is_some() => {
-                    let update = self.app.simulation.rollout.update(seen);
-                    seen = update.seen;
                     due = None;
                     shown = tokio::time::Instant::now();
-                    self.send_update(update.frames, update.state).await
+                    self.update(&mut events, &mut seen).await
                 }
                 _ = ping.tick() => {
                     if heard.elapsed() > 3 * PING {
@@ -213,15 +208,34 @@ impl Client {
         Ok(())
     }
 
-    async fn send_update(
-        &mut self,
-        frames: Option<Event>,
-        state: Option<Event>,
-    ) -> Result<(), Gone> {
-        for event in [frames, state].into_iter().flatten() {
+    /// Sends what is new of the rollout, after all events that came before it: a page that is told of
+    /// another document forgets the rollout of the last one.
+    async fn update(&mut self, events: &mut Receiver<Sent>, seen: &mut u64) -> Result<(), Gone> {
+        let update = loop {
+            let update = self.app.simulation.rollout.update(*seen);
+            match events.try_recv() {
+                Ok(sent) => self.pass_on(sent).await?,
+                Err(TryRecvError::Lagged(_)) => {
+                    *events = events.resubscribe();
+                    *seen = 0;
+                    self.start_afresh().await?;
+                }
+                Err(TryRecvError::Empty | TryRecvError::Closed) => break update,
+            }
+        };
+        *seen = update.seen;
+        for event in [update.frames, update.state].into_iter().flatten() {
             self.send(&event).await?;
         }
         Ok(())
+    }
+
+    async fn pass_on(&mut self, sent: Sent) -> Result<(), Gone> {
+        let own = sent.acknowledges.filter(|(by, _)| *by == self.number);
+        if let Some((_, id)) = own {
+            self.unacked.retain(|(waiting, _)| *waiting != id);
+        }
+        self.send_text(sent.text).await
     }
 
     async fn send(&mut self, event: &Event) -> Result<(), Gone> {
