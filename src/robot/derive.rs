@@ -164,7 +164,7 @@ pub(super) fn complete(
     };
     Ok(Profile {
         format: FORMAT.to_owned(),
-        id: written.id.unwrap_or(derived.id),
+        id: written.id.map_or(derived.id, toml::Spanned::into_inner),
         title: written.title.unwrap_or(derived.title),
         about: written.about.unwrap_or(derived.about),
         licence: written.licence.unwrap_or(derived.licence),
@@ -335,7 +335,7 @@ fn actuators(model: &Model) -> Vec<ActuatorSpec> {
         .collect()
 }
 
-fn tendon_name(model: &Model, t: usize) -> String {
+pub(super) fn tendon_name(model: &Model, t: usize) -> String {
     model.name(Kind::Tendon, t).map_or_else(|| format!("tendon_{t}"), str::to_owned)
 }
 
@@ -358,10 +358,10 @@ fn couplings(model: &Model, only_tied: bool) -> Result<Vec<Coupling>, Error> {
     const EQ_JOINT: i32 = 2; // mjEQ_JOINT
     let joint_name = |j: usize| model.name(Kind::Joint, j).unwrap_or_default().to_owned();
     let mut found = Vec::new();
-    let apart = (only_tied && model.ntendon() > 0).then(|| Apart::of(model)).transpose()?;
+    let arms = (only_tied && model.ntendon() > 0).then(|| MomentArms::of(model)).transpose()?;
     for t in 0..model.ntendon() {
         let members = tendon_joints(model, t);
-        if members.len() < 2 || apart.as_ref().is_some_and(|a| a.moves_each(&members)) {
+        if members.len() < 2 || arms.as_ref().is_some_and(|a| a.moves_each(&members)) {
             continue;
         }
         let limited = model.tendon_limited().get(t).is_some_and(|l| *l != 0);
@@ -398,16 +398,16 @@ fn couplings(model: &Model, only_tied: bool) -> Result<Vec<Coupling>, Error> {
 }
 
 /// How far the actuators pull at each joint in the model's first pose; (nu, nv).
-struct Apart {
+struct MomentArms {
     moments: DMatrix<f64>,
     dofs: Vec<usize>,
 }
 
-impl Apart {
+impl MomentArms {
     /// The smallest singular value of normalised moments that counts as a direction of its own.
     const LEAST: f64 = 1e-3;
 
-    fn of(model: &Model) -> Result<Apart, Error> {
+    fn of(model: &Model) -> Result<MomentArms, Error> {
         let mut data = Data::new(&Arc::new(model.duplicate()?))?;
         data.forward()?;
         let (nu, nv) = (model.nu(), model.nv());
@@ -418,7 +418,7 @@ impl Apart {
                 row /= norm;
             }
         }
-        Ok(Apart { moments, dofs: model.jnt_dofadr().iter().map(|a| index(*a)).collect() })
+        Ok(MomentArms { moments, dofs: model.jnt_dofadr().iter().map(|a| index(*a)).collect() })
     }
 
     /// Whether the actuators move each of these joints by itself, as the two motors of a differential
@@ -429,7 +429,7 @@ impl Apart {
         }
         let columns = members.iter().map(|(j, _)| self.moments.column(self.dofs[*j]));
         let own = DMatrix::from_columns(&columns.collect::<Vec<_>>());
-        own.rank(Apart::LEAST) == members.len()
+        own.rank(MomentArms::LEAST) == members.len()
     }
 }
 

@@ -1,13 +1,15 @@
 //! The joints that the actuators can move.
 
 use super::{Coupling, Error, Robot, derive};
-use robert_mujoco::{Data, Kind};
+use robert_mujoco::Data;
 
 impl Robot {
-    /// The joints of a fixed tendon, by its name; empty for a spatial one.
+    /// The joints of a fixed tendon, by the name that its actuator gives; empty for a spatial one.
     pub fn tendon_joints(&self, tendon: &str) -> Vec<&str> {
-        let Some(id) = self.model().id(Kind::Tendon, tendon) else { return Vec::new() };
-        let members = derive::tendon_joints(self.model(), id).into_iter();
+        let model = self.model();
+        let called = |t: &usize| derive::tendon_name(model, *t) == tendon;
+        let members = (0..model.ntendon()).find(called).map(|t| derive::tendon_joints(model, t));
+        let members = members.into_iter().flatten();
         members.map(|(j, _)| self.joints()[j].name.as_str()).collect()
     }
 

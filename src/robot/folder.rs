@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-use super::profile::{FORMAT, Written};
+use super::profile::Written;
 use super::{Assets, Error, MODEL_FILE, PROFILE_FILE, Robot, builtin, check, preparse};
 use robert_base::fsio;
 
@@ -47,7 +47,7 @@ impl Robot {
             let bytes = fsio::read_capped(&profile, PROFILE_BYTES)?;
             Written::parse(&String::from_utf8_lossy(&bytes), &profile)?
         } else {
-            Written { format: Some(FORMAT.to_owned()), ..Written::default() }
+            Written::default()
         };
         let id = id_of(dir);
         let model = written.model.clone().unwrap_or_else(|| MODEL_FILE.to_owned());

@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
+use toml::Spanned;
 
 use super::error::{Error, line_column};
 use robert_base::limits;
@@ -232,8 +233,8 @@ pub struct Profile {
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Written {
-    pub(super) format: Option<String>,
-    pub(super) id: Option<String>,
+    pub(super) format: Option<Spanned<String>>,
+    pub(super) id: Option<Spanned<String>>,
     pub(super) title: Option<String>,
     pub(super) about: Option<String>,
     pub(super) licence: Option<String>,
@@ -289,36 +290,25 @@ impl Written {
             let (line, column) = line_column(text, byte);
             Error::Profile { message, line, column, path: path.to_owned() }
         };
-        // These keys stand at the beginning of a line.
-        let place_of = |key: &str| {
-            let lines = text.split_inclusive('\n').scan(0, |at, line| {
-                *at += line.len();
-                Some((*at - line.len(), line))
-            });
-            let is_key = |line: &str| {
-                line.strip_prefix(key).is_some_and(|rest| rest.trim_start().starts_with('='))
-            };
-            lines.filter(|(_, line)| is_key(line)).map(|(at, _)| at).next().unwrap_or(0)
-        };
         let written: Written = toml::from_str(text).map_err(|e| {
             let byte = e.span().map_or(0, |s| s.start);
             at(e.message().to_owned(), byte)
         })?;
-        match written.format.as_deref() {
-            Some(FORMAT) => {}
-            Some(other) => {
-                let byte = place_of("format");
+        match &written.format {
+            Some(format) if format.get_ref() == FORMAT => {}
+            Some(format) => {
+                let other = format.get_ref();
                 return Err(at(
                     format!("format is \"{other}\", this program reads \"{FORMAT}\""),
-                    byte,
+                    format.span().start,
                 ));
             }
             None => return Err(at(format!("format is missing; add format = \"{FORMAT}\""), 0)),
         }
         if let Some(id) = &written.id
-            && !valid_id(id)
+            && !valid_id(id.get_ref())
         {
-            let byte = place_of("id");
+            let (id, byte) = (id.get_ref(), id.span().start);
             return Err(at(
                 format!("id \"{id}\" must be lower-case letters, digits, '_' or '-', at most 64"),
                 byte,

@@ -107,15 +107,6 @@ pub struct Settler<'a> {
     data: Data,
 }
 
-/// What the simulation finds out about a pose.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Examined {
-    /// Pairs of bodies that overlap, with the depth, m; the deepest first.
-    pub contacts: Vec<(String, String, f64)>,
-    /// The settled pose, (S); `None` if the simulation diverged.
-    pub settled: Option<Vec<f64>>,
-}
-
 impl<'a> Settler<'a> {
     /// For this robot.
     ///
@@ -125,15 +116,16 @@ impl<'a> Settler<'a> {
         Ok(Settler { robot, data: Data::new(robot.model())? })
     }
 
-    /// What touches in this pose, (S), and the pose that settles from it.
+    /// What overlaps in this pose, (S), the deepest first, and the pose that settles from it, (S); none if
+    /// the simulation diverges.
     ///
     /// # Errors
     /// [`robert_robot::Error::Simulator`], [`robert_robot::Error::Length`].
-    pub fn examine(&mut self, state: &[f64]) -> Result<Examined, robert_robot::Error> {
+    pub fn examine(&mut self, state: &[f64]) -> Result<clip::PoseReport, robert_robot::Error> {
         let contacts = self.overlaps(state)?;
         // A pose may be so far off that the simulation diverges.
         let settled = self.robot.settle(state).ok().map(|s| s.reached);
-        Ok(Examined { contacts, settled })
+        Ok(clip::PoseReport { contacts, settled })
     }
 
     /// Bodies that overlap, and the depth, m.

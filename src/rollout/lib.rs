@@ -50,7 +50,7 @@ mod window;
 mod zero;
 
 pub use auto::{Chosen, Contenders, Trial};
-pub use clip_facts::{ClipFacts, Examined, Settler};
+pub use clip_facts::{ClipFacts, Settler};
 pub use error::Error;
 pub use extracted_tasks::{EXTRACTED_FRAMES, Masking, extract_task, extracted_cases, test_suites};
 pub use fitted::{FitCard, FitKind, card_of, facts, normaliser};

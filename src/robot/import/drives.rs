@@ -132,9 +132,11 @@ fn missing(model: &Model, id: usize, draft: &Draft, named: Option<f64>) -> Optio
 fn say(draft: &mut Draft, found: &BTreeMap<String, Drive>) {
     let line = |(name, d): (&String, &Drive)| {
         let from = if d.named { "as the file says" } else { "assumed" };
-        let instead =
-            |file: f64| if file > 0.0 { format!(" instead of {file}") } else { String::new() };
-        let [armature, damping] = d.file.map(instead);
+        let instead = |file: f64, now: f64| {
+            let raised = file > 0.0 && file < now;
+            if raised { format!(" instead of {file}") } else { String::new() }
+        };
+        let [armature, damping] = [instead(d.file[0], d.armature), instead(d.file[1], d.damping)];
         format!(
             "{name}: armature {}{armature}, damping {}{damping} ({} spent at {:.3}, {from})",
             d.armature, d.damping, d.torque, d.speed
