@@ -29,6 +29,11 @@ impl Error {
     }
 }
 
+/// The numbers of a text, between white space; `None` if a word is not one.
+pub fn numbers<T: std::str::FromStr>(text: &str) -> Option<Vec<T>> {
+    text.split_whitespace().map(|word| word.parse().ok()).collect()
+}
+
 /// Parses a document of at most `elements` elements, within the caps on nesting, attributes
 /// and namespaces.
 ///

@@ -140,8 +140,10 @@ fn child<'a>(node: Node<'a, 'a>, tag: &'static str) -> Option<Node<'a, 'a>> {
     node.children().find(|n| named(*n, tag))
 }
 
-fn floats(node: Node<'_, '_>) -> Vec<f64> {
-    node.text().unwrap_or_default().split_whitespace().filter_map(|w| w.parse().ok()).collect()
+fn numbers<T: std::str::FromStr>(node: Node<'_, '_>) -> Result<Vec<T>, String> {
+    let tag = node.tag_name().name();
+    xml::numbers(node.text().unwrap_or_default())
+        .ok_or_else(|| format!("<{tag}> contains something that is not a number"))
 }
 
 struct Reader<'a> {
@@ -168,8 +170,9 @@ impl<'a> Reader<'a> {
             return Err("its scene is nested too deeply, or refers to itself".into());
         }
         let mut frame = *above;
-        for part in node.children().filter(Node::is_element) {
-            let v = floats(part);
+        const MOVES: [&str; 4] = ["matrix", "translate", "scale", "rotate"];
+        for part in node.children().filter(|n| MOVES.iter().any(|tag| named(*n, tag))) {
+            let v: Vec<f64> = numbers(part)?;
             let own = match (part.tag_name().name(), v.as_slice()) {
                 ("matrix", m) if m.len() == 16 => Matrix4::from_row_slice(m),
                 ("translate", [x, y, z]) => Matrix4::new_translation(&Vector3::new(*x, *y, *z)),
@@ -206,7 +209,8 @@ impl<'a> Reader<'a> {
                 let material = self.target(m, "target")?;
                 let effect = self.target(child(material, "instance_effect")?, "url")?;
                 let diffuse = effect.descendants().find(|n| named(*n, "diffuse"))?;
-                let rgba: [f64; 4] = floats(child(diffuse, "color")?).try_into().ok()?;
+                // A colour that cannot be read leaves the part without one.
+                let rgba: [f64; 4] = numbers(child(diffuse, "color")?).ok()?.try_into().ok()?;
                 Some((m.attribute("symbol")?, rgba.map(|c| c.clamp(0.0, 1.0))))
             })
             .collect()
@@ -234,9 +238,11 @@ impl<'a> Reader<'a> {
     ) -> Result<(), String> {
         let inputs: Vec<Node<'_, '_>> = children(primitive, "input").collect();
         let offset = |n: &Node<'_, '_>| {
-            n.attribute("offset").and_then(|o| o.parse::<usize>().ok()).unwrap_or(0)
+            let written = n.attribute("offset").unwrap_or("0");
+            written.parse::<usize>().map_err(|e| format!("offset \"{written}\": {e}"))
         };
-        let stride = inputs.iter().map(offset).max().unwrap_or(0) + 1;
+        let offsets: Vec<usize> = inputs.iter().map(offset).collect::<Result<_, _>>()?;
+        let stride = offsets.iter().max().unwrap_or(&0).saturating_add(1);
         let Some(vertex) = inputs.iter().find(|n| n.attribute("semantic") == Some("VERTEX")) else {
             return Ok(());
         };
@@ -247,17 +253,15 @@ impl<'a> Reader<'a> {
             })
             .and_then(|p| self.target(p, "source"))
             .and_then(|s| child(s, "float_array"))
-            .map(floats)
-            .ok_or("a mesh has no positions")?;
-        let at = offset(vertex);
-        let indices = |p: Node<'_, '_>| -> Vec<usize> {
-            p.text().unwrap_or_default().split_whitespace().filter_map(|w| w.parse().ok()).collect()
-        };
+            .map(numbers::<f64>)
+            .ok_or("a mesh has no positions")??;
+        let at = offset(vertex)?;
         let corner = |index: usize| -> Result<[f32; 3], String> {
-            let p = positions
-                .get(3 * index..3 * index + 3)
-                .ok_or("an index is beyond the positions")?;
-            let q = frame.transform_point(&Point3::new(p[0], p[1], p[2]));
+            let from = index.saturating_mul(3);
+            let Some(&[x, y, z]) = positions.get(from..from.saturating_add(3)) else {
+                return Err("an index is beyond the positions".into());
+            };
+            let q = frame.transform_point(&Point3::new(x, y, z));
             let q = [q.x as f32, q.y as f32, q.z as f32];
             if q.iter().all(|v| v.is_finite()) {
                 Ok(q)
@@ -269,9 +273,9 @@ impl<'a> Reader<'a> {
             .parts
             .entry(rgba.map(|c| c.map(f64::to_bits)))
             .or_insert_with(|| Part { rgba, corners: Vec::new() });
-        let counts = child(primitive, "vcount").map(indices);
+        let counts = child(primitive, "vcount").map(numbers::<usize>).transpose()?;
         for p in children(primitive, "p") {
-            let list = indices(p);
+            let list: Vec<usize> = numbers(p)?;
             let mut rest = list.as_slice();
             // Triangles have three corners each, a polygon is one <p>, a polylist counts.
             let sizes: Vec<usize> = match (&counts, primitive.tag_name().name()) {
@@ -363,5 +367,13 @@ mod tests {
                 .is_err()
         );
         assert!(parse(&sample("<instance_node url=\"#n1\"/>")).unwrap_err().contains("itself"));
+        // A word that is no number must not move all numbers behind it to the front.
+        for (whole, broken) in
+            [("50 90 50", "50 9O 50"), ("0 1 2 3 0", "0 1 - 3 0"), ("4 3", "4 x")]
+        {
+            assert!(sample("").contains(whole));
+            let error = parse(&sample("").replace(whole, broken)).unwrap_err();
+            assert!(error.contains("not a number"), "{error}");
+        }
     }
 }

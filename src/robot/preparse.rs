@@ -410,8 +410,7 @@ fn check_attribute(node: Node<'_, '_>, tag: &str, name: &str, value: &str) -> Re
         }
         return Ok(());
     }
-    let numbers: Option<Vec<f64>> = value.split_whitespace().map(|t| t.parse().ok()).collect();
-    let Some(numbers) = numbers.filter(|n| !n.is_empty()) else {
+    let Some(numbers) = xml::numbers::<f64>(value).filter(|n| !n.is_empty()) else {
         if value.len() > limits::MODEL_BYTES as usize / 4 {
             return Err(format!("{name} has {} bytes", value.len()));
         }

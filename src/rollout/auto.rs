@@ -461,6 +461,20 @@ mod tests {
         assert_eq!(to_the_end(&mut live).tried, choice.tried);
     }
 
+    /// The light arm's joints swing beyond their goals by a little more than what is allowed, whichever
+    /// policy that learned moves it.
+    #[test]
+    fn a_planner_is_chosen_where_the_motion_in_a_gap_is_unnatural() {
+        let robot = Arc::new(Robot::builtin("ur5e_light").unwrap());
+        let clip = tasks::find("ur5e/pick_place", None).unwrap();
+        let command = compile(&clip).unwrap();
+        let all = Contenders::new(&robot, &PolicyConfig::new(PolicyName::Auto)).unwrap();
+        let cancel = Cancel::default();
+        let chosen = all.perform(&command, &Start::Pose, 0, 2, &Silent, &cancel).unwrap();
+        let gaps = crate::GapFigures::of(&chosen.rollout).unwrap();
+        assert_eq!((chosen.policy.label().as_str(), gaps.overshoot), ("ilqr+smooth", None));
+    }
+
     fn to_the_end(live: &mut LiveRollout) -> Choice {
         while live.step().unwrap().is_some() {}
         while live.step_another() {}

@@ -3,8 +3,8 @@
 //! The best contenders repeat the clip and correct their goals ([`super::ilc`]). The nearest one goes
 //! on: if joints still stay away from their goals, or move unnaturally in a gap, it follows the path of
 //! a planner ([`super::planned`]), and then searches for detours ([`super::detour`]). If a joint still
-//! jams, it searches again under a strict judge ([`super::judge`]). Where an error is left that could be
-//! seen, the planner's own motion counts as well, if it is clearly nearer.
+//! jams, it searches again under a strict judge ([`super::judge`]). Where an error or a jolt is left that
+//! could be seen, the planner's own motion counts as well, if it is clearly better.
 
 use super::detour::{self, Detours, Try};
 use super::error::Error;
@@ -27,6 +27,9 @@ const STRICT: usize = 2;
 /// The score from which a planner performs the clip although every joint arrives, rad or m: smaller errors
 /// cannot be seen.
 pub(super) const SEEN: f64 = 0.001;
+/// The penalty for unnatural motion in gaps from which a planner performs the clip as well, rad or m: a
+/// mean jerk of 3.2 instead of 3.
+const UNNATURAL: f64 = 1e-4;
 /// The share of the score that the planner's own motion must gain to be kept. Policies that learned go
 /// first.
 const CLEARLY: f64 = 0.1;
@@ -216,10 +219,10 @@ impl Learner {
 
     /// The planner's own motion, if it is clearly better.
     fn own(&self) -> Option<&Rollout> {
-        let (least, own) = (self.lead().least, self.own.as_ref());
-        let (motion, score, natural) = own.filter(|_| least > SEEN)?;
+        let lead = self.lead();
+        let (motion, score, natural) = self.own.as_ref().filter(|_| falls_short(lead))?;
         let gain = if *natural { CLEARLY } else { FAR_NEARER };
-        (*score < (1.0 - gain) * least).then_some(motion)
+        (*score < (1.0 - gain) * lead.least).then_some(motion)
     }
 
     /// See [`Learner::best`], and the contender.
@@ -254,8 +257,8 @@ impl Learner {
         !going.is_empty()
     }
 
-    /// Begins to plan, if joints still stay away after the passes, or an error is left that could be seen;
-    /// false if not, or if no planner can.
+    /// Begins to plan, if joints still stay away after the passes, or an error or a jolt is left that could
+    /// be seen; false if not, or if no planner can.
     fn begin_plan(&mut self) -> bool {
         let all = self.frames();
         let lead = self.racers.swap_remove(self.place());
@@ -266,7 +269,7 @@ impl Learner {
         if lead.is_fast && planned::is_affordable(&lead.trial) {
             // Free of a guide it finds more ways around what blocks a joint; with one it moves naturally.
             let own = self.planner.iter().map(|(_, config)| config.clone());
-            self.plans.extend(own.filter(|_| self.budget > 0 || lead.least > SEEN));
+            self.plans.extend(own.filter(|_| self.budget > 0 || falls_short(&lead)));
             let free = PolicyConfig::floor();
             if self.budget > 0 && !self.plans.contains(&free) {
                 self.plans.push(free);
@@ -444,6 +447,11 @@ impl Learner {
         let spare = self.lead_mut().keep(better);
         self.spare.extend(spare);
     }
+}
+
+/// Whether a person would see what is left.
+fn falls_short(lead: &Repeats) -> bool {
+    lead.least > SEEN || lead.gaps > UNNATURAL
 }
 
 /// Lets `work` be done on each item, shared among threads.

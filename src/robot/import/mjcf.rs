@@ -116,7 +116,7 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
     let named = plain(project, config, &mut draft)?;
     let doc = preparse::parse(&named, path)?;
     let mut edits = Edits::default();
-    draft.words = Words::of(&doc);
+    draft.words = Words::of(&doc, path)?;
     for node in doc.descendants().filter(Node::is_element) {
         attributes(node, &mut edits, &mut draft.unknown);
     }

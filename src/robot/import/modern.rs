@@ -13,6 +13,7 @@ use super::draft::Draft;
 use crate::text::{Edits, before_close, escape};
 use crate::{Error, preparse};
 use robert_base::limits;
+use robert_base::xml::numbers;
 
 /// Attributes of a `<frame>` that a body has as well.
 const POSE: &[&str] = &["pos", "quat", "axisangle", "xyaxes", "zaxis", "euler", "childclass"];
@@ -144,9 +145,8 @@ fn replicate(
     }
     let three = |name: &str| -> Result<Vector3<f64>, Error> {
         let Some(text) = node.attribute(name) else { return Ok(Vector3::zeros()) };
-        let all: Vec<f64> = text.split_whitespace().filter_map(|t| t.parse().ok()).collect();
-        match all[..] {
-            [x, y, z] => Ok(Vector3::new(x, y, z)),
+        match numbers(text).as_deref() {
+            Some([x, y, z]) => Ok(Vector3::new(*x, *y, *z)),
             _ => Err(preparse::refuse(node, path, format!("{name} takes three numbers"))),
         }
     };
@@ -247,5 +247,10 @@ mod tests {
         let e =
             flat("<mujoco><worldbody><body><frame>\n<joint/></frame></body></worldbody></mujoco>");
         assert!(e.unwrap_err().to_string().contains("m.xml:2:1"));
+        let e = flat(
+            "<mujoco><worldbody>\n<replicate count=\"2\" offset=\"0 l 0 1\"><geom size=\".1\"/></replicate></worldbody></mujoco>",
+        );
+        let e = e.unwrap_err().to_string();
+        assert!(e.contains("m.xml:2:1") && e.contains("offset takes three numbers"), "{e}");
     }
 }
