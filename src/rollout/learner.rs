@@ -31,8 +31,10 @@ pub(super) const SEEN: f64 = 0.001;
 /// mean jerk of 3.2 instead of 3.
 const UNNATURAL: f64 = 1e-4;
 /// The share of the score that the planner's own motion must gain to be kept. Policies that learned go
-/// first.
-const CLEARLY: f64 = 0.1;
+/// first, as they shake less.
+const CLEARLY: f64 = 0.03;
+/// The share from which there is no search: so much is hardly found by chance.
+const BEYOND_CHANCE: f64 = 0.1;
 /// The share that it must gain to be kept although the contenders move more naturally in gaps: a pole that
 /// stands is worth a jerk.
 const FAR_NEARER: f64 = 0.5;
@@ -219,9 +221,14 @@ impl Learner {
 
     /// The planner's own motion, if it is clearly better.
     fn own(&self) -> Option<&Rollout> {
+        self.own_by(CLEARLY)
+    }
+
+    /// The planner's own motion, if it gains this share of the score, or more if it is less natural in gaps.
+    fn own_by(&self, share: f64) -> Option<&Rollout> {
         let lead = self.lead();
         let (motion, score, natural) = self.own.as_ref().filter(|_| falls_short(lead))?;
-        let gain = if *natural { CLEARLY } else { FAR_NEARER };
+        let gain = if *natural { share } else { FAR_NEARER };
         (*score < (1.0 - gain) * lead.least).then_some(motion)
     }
 
@@ -337,8 +344,7 @@ impl Learner {
         self.strict = self.budget / STRICT;
         let lead = self.lead();
         let (goals, plan, states) = (lead.trial.goals(), lead.trial.plan(), lead.best_states());
-        // A planner's own motion that is clearly nearer is hardly found by chance.
-        let found = self.own().is_some();
+        let found = self.own_by(BEYOND_CHANCE).is_some();
         if found || self.budget == 0 || detour::budget(goals, plan, states) == 0 {
             return false;
         }
