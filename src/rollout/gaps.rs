@@ -42,9 +42,9 @@ const PATH_WEIGHT: f64 = 0.02;
 /// The penalty for each 1 by which the jerk, relative to the minimum, exceeds [`MOST_JERK`].
 const JERK_WEIGHT: f64 = 5e-4;
 /// Limits of natural motion inside a gap: path relative to the straight line, and jerk relative to
-/// the minimum.
+/// the minimum. Motion counts as smooth up to a jerk of 3; what is chosen should stay a little below.
 const LONGEST_PATH: f64 = 1.3;
-const MOST_JERK: f64 = 3.0;
+const MOST_JERK: f64 = 2.9;
 
 /// A figure and where it was found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -28,7 +28,7 @@ const STRICT: usize = 2;
 /// cannot be seen.
 pub(super) const SEEN: f64 = 0.001;
 /// The penalty for unnatural motion in gaps from which a planner performs the clip as well, rad or m: a
-/// mean jerk of 3.2 instead of 3.
+/// mean jerk of 3.1.
 const UNNATURAL: f64 = 1e-4;
 /// The share of the score that the planner's own motion must gain to be kept. Policies that learned go
 /// first, as they shake less.
