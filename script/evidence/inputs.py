@@ -4,6 +4,7 @@
 the model or the clips that it was measured with.
 """
 
+import functools
 import hashlib
 import json
 import struct
@@ -12,6 +13,9 @@ import tomllib
 from .record import ROOT
 
 ASSETS = ROOT / "assets"
+
+# The suite `final` is these together.
+FINAL = ["drawn-final", "fast-final", "touch-final"]
 
 
 def of_model(path):
@@ -44,11 +48,19 @@ def _without_prose(document):
     return json.dumps(kept, sort_keys=True).encode()
 
 
+@functools.cache
+def listed():
+    """The lists of clips, by robot and suite."""
+    return tomllib.loads((ASSETS / "clips/suites.toml").read_text())
+
+
 def clips(robot, suite):
     """The clip files of a built-in suite; empty for suites that are extracted from data."""
-    listed = tomllib.loads((ASSETS / "clips/suites.toml").read_text())
-    owner = listed.get(robot, {}).get("like", robot)
-    return [ASSETS / "clips" / owner / f"{name}.clip.json" for name in listed.get(owner, {}).get(suite, [])]
+    all_suites = listed()
+    owner = all_suites.get(robot, {}).get("like", robot)
+    parts = FINAL if suite == "final" else [suite]
+    names = [name for part in parts for name in all_suites.get(owner, {}).get(part, [])]
+    return [ASSETS / "clips" / owner / f"{name}.clip.json" for name in names]
 
 
 def digest(data):

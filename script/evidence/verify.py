@@ -12,6 +12,8 @@ from . import inputs, measure, plan, record, robert
 
 RELATIVE = 0.05
 ABSOLUTE = 2e-5
+# The parts of `--suite test`, by the share of hidden frames.
+EXTRACTED = ("test", "test_low_mask", "test_high_mask")
 TOLERANCE = f"{RELATIVE:.0%} of the figure or {ABSOLUTE}, whichever is larger".replace("%", " %")
 
 
@@ -46,9 +48,25 @@ def command(found, suite, policy, task):
     for option in ("--plant", "--seeds", "--data", "--data-seed", "--cases"):
         given = plan.option(found.data["command"], option)
         line += [option, given] if given else []
+    if suite in EXTRACTED:
+        # These tasks exist only within their suite.
+        return [*line, "--suite", "test"]
     clip = next((c for c in inputs.clips(robot, suite) if c.name == f"{task}.clip.json"), None)
-    # Tasks extracted from data exist only within their suite.
-    return [*line, "--suite", str(clip.relative_to(record.ROOT)) if clip else "test"]
+    if clip is None:
+        raise record.Missing(f"{found.name}: the suite {suite} of {robot} has no clip {task}")
+    return [*line, "--suite", str(clip.relative_to(record.ROOT))]
+
+
+def unrepeatable():
+    """What is wrong with cells that no command measures again."""
+    wrong = []
+    for found in record.every():
+        for suite, policy, task, _ in found.cells():
+            try:
+                command(found, suite, policy, task)
+            except record.Missing as error:
+                wrong.append(str(error))
+    return wrong
 
 
 def repeat(found, suite, policy, task):
