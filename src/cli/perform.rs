@@ -215,11 +215,14 @@ pub(super) fn perform(text: &str, args: &PerformArgs, global: Global) -> Outcome
     };
     let wall_secs = begin.elapsed().as_secs_f64();
     bar.finish();
+    if !global.quiet {
+        warn(&clip, &command, &robot);
+    }
     Ok(Performed { clip, command, robot, rollout, policy, tried, config, wall_secs, broke })
 }
 
-/// Prints what is wrong with a clip. A rollout tells little about it.
-pub(super) fn warn(clip: &Clip, command: &clip::Command, robot: &Robot) {
+/// Prints what is wrong with a clip. Its motion tells little about it.
+fn warn(clip: &Clip, command: &clip::Command, robot: &Robot) {
     let found = clip::lint(clip, command, &robot.joint_table(), None);
     let mut errors = found.iter().filter(|l| l.level == clip::Level::Error);
     if let Some(first) = errors.next() {

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use super::failure::{Failure, Outcome};
 use super::global::Global;
-use super::perform::{PerformArgs, Performed, perform, warn};
+use super::perform::{PerformArgs, Performed, perform};
 use super::{input, motion, out};
 use crate::clip::lint;
 use crate::exit::HasExit as _;
@@ -83,9 +83,6 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         } else {
             take.write(path, Some(&scene))?;
         }
-    }
-    if !global.quiet {
-        warn(&done.clip, &done.command, &done.robot);
     }
     if let Some(e) = done.broke.take() {
         let exit = e.exit();

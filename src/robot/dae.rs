@@ -98,14 +98,9 @@ fn parse(text: &str) -> Result<Vec<Part>, String> {
         .and_then(|u| u.attribute("meter")?.parse::<f64>().ok())
         .filter(|m| m.is_finite() && *m > 0.0)
         .unwrap_or(1.0);
-    let up = asset.and_then(|a| child(a, "up_axis")).and_then(|u| u.text()).unwrap_or("Y_UP");
-    let quarter = std::f64::consts::FRAC_PI_2;
-    let turn = match up.trim() {
-        "Z_UP" => Matrix4::identity(),
-        "X_UP" => Rotation3::from_axis_angle(&Vector3::y_axis(), -quarter).to_homogeneous(),
-        _ => Rotation3::from_axis_angle(&Vector3::x_axis(), quarter).to_homogeneous(),
-    };
-    let world = turn * Matrix4::new_scaling(metre);
+    // The axis that points up is ignored, as in RViz, Gazebo and others: robots were drawn to look right
+    // there.
+    let world = Matrix4::new_scaling(metre);
     for scene in root.descendants().filter(|n| named(*n, "visual_scene")) {
         for node in children(scene, "node") {
             reader.node(node, &world, 0)?;
@@ -334,14 +329,13 @@ mod tests {
     }
 
     #[test]
-    fn colours_units_and_the_up_axis_are_heeded() {
+    fn colours_and_units_are_heeded_and_the_up_axis_is_not() {
         let parts = parse(&sample("")).unwrap();
         assert_eq!(parts.len(), 2);
         let plain = parts.iter().find(|p| p.rgba.is_none()).unwrap();
         assert_eq!(plain.corners.len(), 27, "a quadrilateral is two triangles");
         let blue = parts.iter().find(|p| p.rgba == Some([0.1, 0.2, 0.3, 1.0])).unwrap();
-        // 200 cm along y (up) is 2 m along z; z (toward the viewer) becomes -y.
-        let want = [0.0, 0.0, 2.0, 1.0, 0.0, 2.0, 1.0, -1.0, 2.0];
+        let want = [0.0, 2.0, 0.0, 1.0, 2.0, 0.0, 1.0, 2.0, 1.0];
         for (a, b) in blue.corners.iter().zip(want) {
             assert!((a - b).abs() < 1e-6, "{:?}", blue.corners);
         }

@@ -145,6 +145,20 @@ pub(super) fn normalised(name: &str, bytes: Vec<u8>) -> Result<Vec<u8>, String> 
     Ok(out)
 }
 
+/// An OBJ in which all faces belong to one group; other files as they are. The simulator reads only the
+/// first group.
+pub(super) fn in_one_group(name: &str, bytes: Vec<u8>) -> Vec<u8> {
+    let begins_group = |line: &[u8]| {
+        let mut words = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
+        matches!(words.next(), Some(b"g" | b"o"))
+    };
+    if extension(Path::new(name)) != "obj" {
+        return bytes;
+    }
+    let lines = bytes.split_inclusive(|b| *b == b'\n');
+    lines.filter(|line| !begins_group(line)).collect::<Vec<_>>().concat()
+}
+
 /// An OBJ with the same faces, each with its own corners. The simulator refuses an OBJ in which two
 /// neighbouring faces run along their common edge in the same direction; afterwards no face has a
 /// neighbour. Textures and normals stay with the corners. `None` for other files and damaged ones.
@@ -269,6 +283,14 @@ mod tests {
         assert_eq!(normalised("t.stl", out.clone()).unwrap(), out, "binary stays");
         assert!(normalised("t.stl", b"solid x\nvertex 1 2\n".to_vec()).is_err());
         assert_eq!(normalised("t.obj", b"v 1".to_vec()).unwrap(), b"v 1");
+    }
+
+    #[test]
+    fn an_obj_becomes_one_group() {
+        let text = b"o a\nv 0 0 0\r\n g left\nf 1 2 3\ng\r\nusemtl g\ng right\nf 3 2 1";
+        let one = in_one_group("m.obj", text.to_vec());
+        assert_eq!(one, b"v 0 0 0\r\nf 1 2 3\nusemtl g\nf 3 2 1");
+        assert_eq!(in_one_group("m.stl", text.to_vec()), text);
     }
 
     #[test]

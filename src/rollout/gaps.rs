@@ -45,6 +45,9 @@ const JERK_WEIGHT: f64 = 5e-4;
 /// the minimum. Motion counts as smooth up to a jerk of 3; what is chosen should stay a little below.
 const LONGEST_PATH: f64 = 1.3;
 const MOST_JERK: f64 = 2.9;
+/// The largest penalty, rad or m. Where every policy shakes, more must not outweigh the distance to the
+/// goals.
+const MOST_PENALTY: f64 = 0.1;
 
 /// A figure and where it was found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -286,7 +289,7 @@ pub(super) fn penalty(goals: &Goals, states: &[f64]) -> f64 {
     let swing = gap.overshoot.map_or(0.0, |o| o.value);
     let detour = gap.path.map_or(0.0, |p| (p - LONGEST_PATH).max(0.0));
     let jolts = gap.jerk.map_or(0.0, |j| (j - MOST_JERK).max(0.0));
-    SWING_WEIGHT * swing + PATH_WEIGHT * detour + JERK_WEIGHT * jolts
+    (SWING_WEIGHT * swing + PATH_WEIGHT * detour + JERK_WEIGHT * jolts).min(MOST_PENALTY)
 }
 
 /// A joint and a frame with unnatural motion, and its penalty.

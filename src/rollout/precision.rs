@@ -187,32 +187,36 @@ fn mean_abs_du(actions: &[f64], dim: usize) -> f64 {
 /// Runs of at least three visible frames that command one pose.
 fn holds(goals: &Goals, reached: &[f64], frames: usize) -> Vec<HoldError> {
     let dim = goals.dim();
-    let whole = |f: usize| (0..dim).all(|j| goals.is_visible(f, j));
+    let asked = |f: usize| (0..dim).filter(move |&j| goals.is_visible(f, j));
+    let alike = |a: usize, b: usize, j: usize| (goals.row(a)[j] - goals.row(b)[j]).abs() < SAME;
+    // Joints that are left free may be anywhere.
     let same = |a: usize, b: usize| {
-        goals.row(a).iter().zip(goals.row(b)).all(|(x, y)| (x - y).abs() < SAME)
+        let both = |j: usize| goals.is_visible(b, j) && alike(a, b, j);
+        asked(a).all(both) && asked(b).count() == asked(a).count()
     };
     let mut holds = Vec::new();
     let mut f = 1;
     while f < frames {
         let start = f;
         f += 1;
-        if !whole(start) {
+        if asked(start).next().is_none() {
             continue;
         }
-        while f < frames && whole(f) && same(start, f) {
+        while f < frames && same(start, f) {
             f += 1;
         }
         // A pose that is held from the start is not a transition that could be late.
-        let from_start = start == 1 && whole(0) && same(0, 1);
+        let stays = |j: usize| goals.is_visible(0, j) && alike(0, 1, j);
+        let from_start = start == 1 && asked(1).all(stays);
         if f - start < 3 || from_start {
             continue;
         }
         let errors =
-            |g: usize| (0..dim).map(move |j| (reached[g * dim + j] - goals.row(g)[j]).abs());
+            |g: usize| asked(g).map(move |j| (reached[g * dim + j] - goals.row(g)[j]).abs());
         holds.push(HoldError {
             frame: start,
             length: f - start,
-            end_error: errors(f - 1).sum::<f64>() / dim as f64,
+            end_error: errors(f - 1).sum::<f64>() / asked(f - 1).count() as f64,
             late_frames: (start..f).find(|&g| errors(g).all(|e| e <= REACHED)).map(|g| g - start),
         });
     }

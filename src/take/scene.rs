@@ -2,6 +2,7 @@
 //! to the frames of the body transforms; once solid, once translucent for the command.
 
 use glam::{Quat, Vec3};
+use prost::Message as _;
 
 use super::document::{RobotFacts, Take};
 use super::error::Error;
@@ -71,9 +72,30 @@ impl Take {
 }
 
 impl Scene {
-    pub(super) fn update(&self, nanos: u64) -> SceneUpdate {
+    fn update(&self, nanos: u64) -> SceneUpdate {
         let stamped = |e: &SceneEntity| SceneEntity { timestamp: timestamp(nanos), ..e.clone() };
         SceneUpdate { entities: self.entities.iter().map(stamped).collect() }
+    }
+
+    /// The message with the whole scene if it has at most `most` bytes, else without the commanded
+    /// robot, else none; and what was left out. It stays one message, because viewers that jump to a time
+    /// read only the last one of a topic.
+    pub(super) fn message(
+        &self,
+        nanos: u64,
+        most: usize,
+    ) -> (Option<Vec<u8>>, Option<&'static str>) {
+        let whole = self.update(nanos);
+        if whole.encoded_len() <= most {
+            return (Some(whole.encode_to_vec()), None);
+        }
+        let reached = whole.entities.into_iter().filter(|e| !e.id.starts_with(COMMAND_PREFIX));
+        let reached = SceneUpdate { entities: reached.collect() };
+        if reached.encoded_len() <= most {
+            let what = "the shapes of the commanded robot are left out: the meshes are too large";
+            return (Some(reached.encode_to_vec()), Some(what));
+        }
+        (None, Some("the shapes are left out: the meshes are too large"))
     }
 }
 
@@ -145,4 +167,27 @@ fn pose(pos: Vec3, rot: Quat) -> Pose {
 fn color(rgba: [f32; 4]) -> Color {
     let [r, g, b, a] = rgba.map(f64::from);
     Color { r, g, b, a }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scene_that_is_too_large_loses_the_ghost_first() {
+        let entity = |id: &str| SceneEntity { id: id.to_owned(), ..SceneEntity::default() };
+        let scene = Scene { entities: vec![entity("hand"), entity("cmd/hand")] };
+        let shapes = |most| {
+            let (message, left_out) = scene.message(7, most);
+            let update = message.map(|m| SceneUpdate::decode(&m[..]).unwrap().entities);
+            (update.map(|all| all.into_iter().map(|e| e.id).collect::<Vec<_>>()), left_out)
+        };
+        let whole = scene.update(7).encoded_len();
+        assert_eq!(shapes(whole), (Some(vec!["hand".to_owned(), "cmd/hand".to_owned()]), None));
+        let (reached, left_out) = shapes(whole - 1);
+        assert_eq!(reached, Some(vec!["hand".to_owned()]));
+        assert!(left_out.unwrap().contains("commanded"));
+        let (none, left_out) = shapes(3);
+        assert!(none.is_none() && left_out.unwrap().starts_with("the shapes are"));
+    }
 }

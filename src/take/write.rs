@@ -22,6 +22,7 @@ use super::proto::{
 };
 use super::scene::{COMMAND_PREFIX, Scene, WORLD};
 use robert_base::fsio;
+use robert_base::limits;
 use robert_base::units::FPS;
 use robert_clip::Sight;
 
@@ -34,6 +35,13 @@ const FRAME_NANOS: u64 = 1_000_000_000 / FPS as u64;
 
 /// Bytes of a chunk before compression: about two seconds of a hand.
 const CHUNK_BYTES: u64 = 256 << 10;
+
+/// The largest scene: a reader takes the chunk that it is in.
+const SCENE_BYTES: usize = limits::MCAP_RECORD_BYTES - 4 * CHUNK_BYTES as usize;
+
+/// Levels of lines in the log.
+const INFO: i32 = 2;
+const WARNING: i32 = 3;
 
 /// Names of the topics.
 pub mod topic {
@@ -99,10 +107,12 @@ impl Take {
         let names: Vec<String> =
             self.robot.joints.iter().map(|j| format!("{COMMAND_PREFIX}{j}")).collect();
         out.put(channels.command_trajectory, 0, &self.trajectory())?;
-        if let Some(scene) = scene {
-            out.put(channels.scene, 0, &scene.update(nanos(0)).encode_to_vec())?;
+        let (shapes, left_out) = scene.map_or((None, None), |s| s.message(nanos(0), SCENE_BYTES));
+        if let Some(shapes) = shapes {
+            out.put(channels.scene, 0, &shapes)?;
         }
-        for (level, message) in self.remarks() {
+        let left_out = left_out.map(|what| (WARNING, what.to_owned()));
+        for (level, message) in self.remarks().into_iter().chain(left_out) {
             let name = "robert".to_owned();
             let log = Log { timestamp: proto::timestamp(nanos(0)), level, message, name };
             out.put(channels.log, 0, &log.encode_to_vec())?;
@@ -254,8 +264,6 @@ impl Take {
 
     /// Lines for the log panel: level and text.
     fn remarks(&self) -> Vec<(i32, String)> {
-        const INFO: i32 = 2;
-        const WARNING: i32 = 3;
         let p = self.precision();
         let figure = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.5}"));
         let mut lines = vec![(

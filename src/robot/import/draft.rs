@@ -47,6 +47,15 @@ pub(super) struct Draft {
 impl Draft {
     /// Adds a file and returns its new name.
     pub(super) fn take(&mut self, path: &Path) -> Result<String, Error> {
+        self.take_changed(path, |_, bytes| bytes)
+    }
+
+    /// Adds a file whose bytes are changed, and returns its new name.
+    pub(super) fn take_changed(
+        &mut self,
+        path: &Path,
+        change: impl FnOnce(&str, Vec<u8>) -> Vec<u8>,
+    ) -> Result<String, Error> {
         if let Some(name) = self.sources.get(path) {
             return Ok(name.clone());
         }
@@ -54,7 +63,8 @@ impl Draft {
             |message: String| Error::Refused { message, line: 0, column: 0, path: path.into() };
         let extension = mesh::extension(path);
         let bytes = fsio::read_capped(path, limits::MESH_BYTES)?;
-        let bytes = mesh::normalised(&path.to_string_lossy(), bytes).map_err(refused)?;
+        let written = path.to_string_lossy();
+        let bytes = change(&written, mesh::normalised(&written, bytes).map_err(refused)?);
         let name = self.add(path, &extension, bytes)?;
         self.sources.insert(path.to_owned(), name.clone());
         Ok(name)

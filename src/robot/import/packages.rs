@@ -60,10 +60,13 @@ fn folder(path: &Path, package: &str, files: &[&str]) -> Option<PathBuf> {
 
 /// A folder of the package's name beside the URDF or above it, whatever it contains. It is only a
 /// hint for the error message.
-pub(super) fn guess(path: &Path, package: &str) -> Option<PathBuf> {
+pub(super) fn guess(path: &Path, package: &str, below: &str) -> Option<(PathBuf, bool)> {
     let full = std::path::absolute(path).ok()?;
-    full.ancestors().skip(1).take(8).find_map(|dir| {
+    let folders = full.ancestors().skip(1).take(8).flat_map(|dir| {
         let own = dir.file_name().is_some_and(|n| n == package).then(|| dir.to_owned());
-        own.or_else(|| Some(dir.join(package)).filter(|d| d.is_dir()))
-    })
+        own.into_iter().chain(Some(dir.join(package)).filter(|d| d.is_dir()))
+    });
+    let all: Vec<PathBuf> = folders.collect();
+    let holds = all.iter().find(|dir| dir.join(below).is_file()).cloned();
+    holds.map(|dir| (dir, true)).or_else(|| all.first().map(|dir| (dir.clone(), false)))
 }

@@ -43,7 +43,7 @@ pub(super) fn check(draft: &mut Draft, model: &Arc<Model>) -> Result<(), Error> 
         .collect();
     draft.warnings.push(format!(
         "{} of {} motors cannot hold the robot of {mass:.1} kg up in most poses (N m or N): {}{}; check \
-         masses and units, or --effort",
+         masses, units, and the motors' limits in the file",
         weak.len(),
         model.nu(),
         named.join(", "),

@@ -583,7 +583,7 @@ impl<'a> Tree<'a> {
                 }
             }
         } else {
-            vec![(self.draft.take(&file)?, None)]
+            vec![(self.draft.take_changed(&file, mesh::in_one_group)?, None)]
         };
         let scale = scale.map_or_else(String::new, |s| format!("{} {} {}", s[0], s[1], s[2]));
         Ok(files
@@ -656,11 +656,18 @@ impl<'a> Tree<'a> {
                         "\"{filename}\" lies in package \"{package}\", and no package has '=' in its name; correct the address"
                     )));
                 }
-                let near = packages::guess(self.path(), package)
-                    .map_or_else(|| "DIR".to_owned(), |p| p.display().to_string());
-                return Err(refuse(format!(
-                    "\"{filename}\" lies in package \"{package}\"; say where that is: --package {package}={near}"
-                )));
+                let lies = format!("\"{filename}\" lies in package \"{package}\"");
+                return Err(refuse(match packages::guess(self.path(), package, below) {
+                    Some((near, false)) => format!(
+                        "{lies}, and {} has no \"{below}\"; name the folder that has it: --package {package}=DIR",
+                        near.display()
+                    ),
+                    near => {
+                        let near = near.map_or_else(|| "DIR".into(), |(dir, _)| dir);
+                        let near = near.display();
+                        format!("{lies}; say where that is: --package {package}={near}")
+                    }
+                }));
             };
             let real = root.canonicalize().map_err(|e| {
                 refuse(format!("package \"{package}\" is not at {}: {e}", root.display()))

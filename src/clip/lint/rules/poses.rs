@@ -9,7 +9,8 @@ impl Finder<'_> {
         let mut lints = Vec::new();
         for place in self.places() {
             // Only complete poses can be simulated.
-            let Some(q) = place.row.iter().copied().collect::<Option<Vec<f64>>>() else { continue };
+            let Some(q) = self.with_followers(&place.row) else { continue };
+            let is_asked = |joint: usize| place.row[joint].is_some();
             let report = checker.check(joints, &q);
             if !report.contacts.is_empty() {
                 let words: Vec<String> = report
@@ -24,7 +25,7 @@ impl Finder<'_> {
                     frames: place.span(),
                     joints: Vec::new(),
                     pointer: place.pointer.clone(),
-                    fixes: settled(&place, joints, report.settled.as_deref()),
+                    fixes: store(&place, joints, report.settled.as_deref()),
                     settled: None,
                 });
             }
@@ -32,7 +33,9 @@ impl Finder<'_> {
             let mut off: Vec<(&String, f64)> = joints
                 .iter()
                 .zip(q.iter().zip(reached).map(|(a, b)| (a - b).abs()))
-                .filter(|(_, residual)| *residual > checker.tolerance())
+                .enumerate()
+                .filter(|(i, (_, residual))| is_asked(*i) && *residual > checker.tolerance())
+                .map(|(_, off)| off)
                 .collect();
             off.sort_by(|a, b| b.1.total_cmp(&a.1));
             let Some((joint, distance)) = off.first().map(|(j, r)| ((*j).clone(), *r)) else {
@@ -52,7 +55,7 @@ impl Finder<'_> {
                 frames: place.span(),
                 joints: off.iter().map(|(j, _)| (*j).clone()).collect(),
                 pointer: place.pointer.clone(),
-                fixes: settled(&place, joints, Some(reached)),
+                fixes: store(&place, joints, Some(reached)),
                 settled: Some(SettledPose {
                     held: self.held(&place),
                     asked: q,
@@ -67,6 +70,29 @@ impl Finder<'_> {
         }
     }
 
+    /// A row in which joints that follow others get the values that these give them; `None` if others are
+    /// left free.
+    fn with_followers(&self, row: &[Option<f64>]) -> Option<Vec<f64>> {
+        let mut whole = row.to_vec();
+        for coupling in self.table.followers() {
+            let places = || coupling.members.iter().filter(|m| m.coef != 0.0);
+            let at = |joint: &str| self.clip.joint(joint);
+            let shared = places().find_map(|m| {
+                let value = row.get(at(&m.joint)?).copied().flatten()?;
+                Some((value - m.offset) / m.coef)
+            });
+            for m in places() {
+                if let (Some(shared), Some(at)) = (shared, at(&m.joint))
+                    && let Some(slot @ None) = whole.get_mut(at)
+                {
+                    let q = m.coef * shared + m.offset;
+                    *slot = Some(self.table.joint(&m.joint).map_or(q, |j| j.clamp(q)));
+                }
+            }
+        }
+        whole.into_iter().collect()
+    }
+
     /// The frames at which keys command a row.
     fn held(&self, place: &Place<'_>) -> Vec<[u32; 2]> {
         let keys = &self.clip.keys;
@@ -79,9 +105,11 @@ impl Finder<'_> {
     }
 }
 
-fn settled(place: &Place<'_>, joints: &[String], reached: Option<&[f64]>) -> Vec<Fix> {
+/// Stores what is reached, of the joints that have a value.
+fn store(place: &Place<'_>, joints: &[String], reached: Option<&[f64]>) -> Vec<Fix> {
     let Some(reached) = reached else { return Vec::new() };
-    let values: Vec<(&str, usize, f64)> =
-        joints.iter().zip(reached).enumerate().map(|(i, (j, v))| (j.as_str(), i, *v)).collect();
+    let all = joints.iter().zip(reached).enumerate();
+    let asked = all.filter(|(i, _)| place.row.get(*i).is_some_and(Option::is_some));
+    let values: Vec<(&str, usize, f64)> = asked.map(|(i, (j, v))| (j.as_str(), i, *v)).collect();
     place.fix("Store the pose that is reached", &values)
 }

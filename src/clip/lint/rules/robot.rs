@@ -33,11 +33,10 @@ impl Finder<'_> {
             let message = "the clip was made for another version of this robot's model".to_owned();
             whole(Level::Warning, Rule::OtherRobot, message, "/robot/model_sha256", vec![]);
         }
+        let mut unknown: Vec<(usize, String)> = Vec::new();
         for (i, name) in clip.robot.joints.iter().enumerate() {
-            let pointer = format!("/robot/joints/{i}");
             let Some(joint) = table.joint(name) else {
-                let message = format!("{} has no joint {}", show(&table.robot), show(name));
-                whole(Level::Error, Rule::UnknownJoint, message, &pointer, vec![name.clone()]);
+                unknown.push((i, name.clone()));
                 continue;
             };
             if clip.robot.units.get(i).is_some_and(|u| *u != joint.unit) {
@@ -46,6 +45,13 @@ impl Finder<'_> {
                 whole(Level::Error, Rule::Unit, message, &pointer, vec![name.clone()]);
             }
         }
+        if let Some((first, _)) = unknown.first() {
+            let pointer = format!("/robot/joints/{first}");
+            let names: Vec<String> = unknown.iter().map(|(_, name)| show(name)).collect();
+            let message = format!("{} has no joint {}", show(&table.robot), names.join(", "));
+            let names = unknown.into_iter().map(|(_, name)| name).collect();
+            whole(Level::Error, Rule::UnknownJoint, message, &pointer, names);
+        }
         let lacking: Vec<String> = table
             .joints
             .iter()
@@ -53,7 +59,10 @@ impl Finder<'_> {
             .map(|j| j.name.clone())
             .collect();
         if !lacking.is_empty() {
-            let message = format!("the clip lacks joints of the robot: {}", lacking.join(", "));
+            let message = format!(
+                "the clip lacks joints of the robot: {} (a value of null in every key leaves one free)",
+                lacking.join(", ")
+            );
             whole(Level::Error, Rule::UnknownJoint, message, "/robot/joints", lacking);
         }
         if clip.keys.is_empty() {
