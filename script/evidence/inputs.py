@@ -14,7 +14,7 @@ from .record import ROOT
 
 ASSETS = ROOT / "assets"
 
-# The suite `final` is these together.
+# The suite `final` is these together, as in src/rollout/tasks/mod.rs.
 FINAL = ["drawn-final", "fast-final", "touch-final"]
 
 

@@ -58,7 +58,7 @@ def command(found, suite, policy, task):
 
 
 def unrepeatable():
-    """What is wrong with cells that no command measures again."""
+    """Cells whose task is in no suite of today, in words."""
     wrong = []
     for found in record.every():
         for suite, policy, task, _ in found.cells():
@@ -66,7 +66,7 @@ def unrepeatable():
                 command(found, suite, policy, task)
             except record.Missing as error:
                 wrong.append(str(error))
-    return wrong
+    return sorted(set(wrong))
 
 
 def repeat(found, suite, policy, task):

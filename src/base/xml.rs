@@ -29,7 +29,7 @@ impl Error {
     }
 }
 
-/// The numbers of a text, between white space; `None` if a word is not one.
+/// The numbers in the text of an attribute or element; `None` if a word is not one.
 pub fn numbers<T: std::str::FromStr>(text: &str) -> Option<Vec<T>> {
     text.split_whitespace().map(|word| word.parse().ok()).collect()
 }

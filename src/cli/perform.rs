@@ -221,7 +221,7 @@ pub(super) fn perform(text: &str, args: &PerformArgs, global: Global) -> Outcome
     Ok(Performed { clip, command, robot, rollout, policy, tried, config, wall_secs, broke })
 }
 
-/// Prints what is wrong with a clip. Its motion tells little about it.
+/// Prints what is wrong with a clip. The motion of a faulty clip says little about the policy.
 fn warn(clip: &Clip, command: &clip::Command, robot: &Robot) {
     let found = clip::lint(clip, command, &robot.joint_table(), None);
     let mut errors = found.iter().filter(|l| l.level == clip::Level::Error);

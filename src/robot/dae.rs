@@ -2,7 +2,7 @@
 //! which the simulator does not read.
 //!
 //! Supported: triangles, polylists and polygons (as fans) of the visual scene, node transforms, the
-//! unit, the up axis, diffuse colours. Left out: textures, skins, animation. Rejected: an external
+//! unit, diffuse colours. Left out: the up axis, textures, skins, animation. Rejected: an external
 //! converter (assimp), another C library to trust with hostile files.
 
 use std::collections::BTreeMap;

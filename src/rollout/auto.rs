@@ -13,7 +13,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use serde::{Deserialize, Serialize};
 
 use super::error::Error;
-use super::gaps::unnatural;
+use super::gaps::{counted, unnatural};
 use super::ilc::{self, Repeats};
 use super::ilqr::IlqrConfig;
 use super::learner::{Learner, RACERS, Stage};
@@ -48,7 +48,7 @@ impl Trial {
         Trial {
             policy: policy.label(),
             precision: rollout.precision().precision,
-            gaps: unnatural(rollout),
+            gaps: counted(unnatural(rollout)),
             error: None,
         }
     }
@@ -424,6 +424,9 @@ mod tests {
     fn the_nearest_wins_unless_it_swings() {
         assert_eq!(best(&[trial(0.2, 0.0), trial(0.1, 0.01), trial(0.1, 0.02)]), Some(1));
         assert_eq!(best(&[trial(4e-4, 2e-3), trial(5e-4, 0.0), trial(5e-4, 0.0)]), Some(1));
+        // Where all shake, the distance to the goals decides.
+        let wild = |precision, gaps| trial(precision, counted(gaps));
+        assert_eq!(best(&[wild(0.35, 0.15), wild(0.15, 0.9), wild(0.2, 5.0)]), Some(1));
         let failed = Trial { precision: None, ..trial(0.0, 0.0) };
         assert_eq!(best(&[failed.clone(), trial(0.1, 0.0)]), Some(1));
         assert_eq!(best(&[failed]), None);

@@ -89,7 +89,7 @@ impl Detours {
         Detours {
             shift: shift.to_vec(),
             states: states.to_vec(),
-            gaps: gaps::penalty(goals, states),
+            gaps: gaps::counted(gaps::penalty(goals, states)),
             places: places(goals, plan, states, judge),
             errors: (0..goals.frames()).map(|f| judge.error_at(goals, reached, f)).collect(),
             judge: judge.clone(),
@@ -165,7 +165,7 @@ impl Detours {
         one.compared = true;
         let mut whole = self.states.clone();
         whole[..trial.states().len()].copy_from_slice(trial.states());
-        let gaps = gaps::penalty(goals, &whole) - self.gaps;
+        let gaps = gaps::counted(gaps::penalty(goals, &whole)) - self.gaps;
         one.worse + gaps * commanded(goals) < 0.0
     }
 }

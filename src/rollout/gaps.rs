@@ -45,8 +45,8 @@ const JERK_WEIGHT: f64 = 5e-4;
 /// the minimum. Motion counts as smooth up to a jerk of 3; what is chosen should stay a little below.
 const LONGEST_PATH: f64 = 1.3;
 const MOST_JERK: f64 = 2.9;
-/// The largest penalty, rad or m. Where every policy shakes, more must not outweigh the distance to the
-/// goals.
+/// The largest penalty that counts, rad or m. Where every policy shakes, more must not outweigh the
+/// distance to the goals.
 const MOST_PENALTY: f64 = 0.1;
 
 /// A figure and where it was found.
@@ -289,7 +289,12 @@ pub(super) fn penalty(goals: &Goals, states: &[f64]) -> f64 {
     let swing = gap.overshoot.map_or(0.0, |o| o.value);
     let detour = gap.path.map_or(0.0, |p| (p - LONGEST_PATH).max(0.0));
     let jolts = gap.jerk.map_or(0.0, |j| (j - MOST_JERK).max(0.0));
-    (SWING_WEIGHT * swing + PATH_WEIGHT * detour + JERK_WEIGHT * jolts).min(MOST_PENALTY)
+    SWING_WEIGHT * swing + PATH_WEIGHT * detour + JERK_WEIGHT * jolts
+}
+
+/// The part of a penalty that counts beside the distance to the goals.
+pub(super) fn counted(penalty: f64) -> f64 {
+    penalty.min(MOST_PENALTY)
 }
 
 /// A joint and a frame with unnatural motion, and its penalty.
@@ -307,7 +312,7 @@ pub(super) fn unnatural_places(goals: &Goals, states: &[f64]) -> Vec<Unnatural> 
     let mut found = Vec::new();
     let all = gaps.iter().flat_map(|gap| overshoots(&motion, goals, gap));
     if let Some((value, frame, joint)) = all.max_by(|a, b| a.0.total_cmp(&b.0)) {
-        found.push(Unnatural { frame, joint, penalty: SWING_WEIGHT * value });
+        found.push(Unnatural { frame, joint, penalty: counted(SWING_WEIGHT * value) });
     }
     let figures = GapFigures::measure(goals, states, &names(goals)).unwrap_or_default();
     let excess = figures.jerk.map_or(0.0, |j| j - MOST_JERK);
@@ -318,7 +323,7 @@ pub(super) fn unnatural_places(goals: &Goals, states: &[f64]) -> Vec<Unnatural> 
     });
     if let Some((i, joint, _)) = jolts.max_by(|a, b| a.2.total_cmp(&b.2)) {
         let frame = i as usize + 1;
-        found.push(Unnatural { frame, joint, penalty: JERK_WEIGHT * excess });
+        found.push(Unnatural { frame, joint, penalty: counted(JERK_WEIGHT * excess) });
     }
     found
 }

@@ -82,7 +82,8 @@ impl Judge {
     /// if nothing was commanded, or if the usual sum is too large.
     pub(super) fn score(&self, rollout: &Rollout) -> Option<f64> {
         let goals = rollout.goals();
-        let (precision, penalty) = (rollout.precision().precision?, gaps::unnatural(rollout));
+        let precision = rollout.precision().precision?;
+        let penalty = gaps::counted(gaps::unnatural(rollout));
         let weighted = match self.weights {
             None if self.ties.is_empty() => precision,
             _ => {

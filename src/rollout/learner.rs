@@ -27,11 +27,11 @@ const STRICT: usize = 2;
 /// The score from which a planner performs the clip although every joint arrives, rad or m: smaller errors
 /// cannot be seen.
 pub(super) const SEEN: f64 = 0.001;
-/// The penalty for unnatural motion in gaps from which a planner performs the clip as well, rad or m: a
-/// mean jerk of 3.1.
+/// The penalty for unnatural motion in gaps from which a planner performs the clip as well, rad or m: for
+/// instance a mean jerk of 3.1.
 const UNNATURAL: f64 = 1e-4;
 /// The share of the score that the planner's own motion must gain to be kept. Policies that learned go
-/// first, as they shake less.
+/// first, because they need no model to run.
 const CLEARLY: f64 = 0.03;
 /// The share from which there is no search: so much is hardly found by chance.
 const BEYOND_CHANCE: f64 = 0.1;
@@ -211,7 +211,7 @@ impl Learner {
 
     /// How often the contender that leads has found a better motion.
     pub(super) fn improvements(&self) -> usize {
-        self.lead().improvements + usize::from(self.own().is_some())
+        if self.own().is_some() { 1 } else { self.lead().improvements }
     }
 
     /// The motion of the contender that leads, if it is better than the one from which it learned.
@@ -339,7 +339,8 @@ impl Learner {
         Some((motion, score, natural))
     }
 
-    /// Begins to search; false if every joint arrives by now.
+    /// Begins to search; false if every joint arrives by now, or the planner's own motion is nearer by so
+    /// much that a search will hardly find it.
     fn begin_search(&mut self, fresh: &dyn Fn(usize) -> Result<Rollout, Error>) -> bool {
         self.strict = self.budget / STRICT;
         let lead = self.lead();

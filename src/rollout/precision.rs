@@ -45,7 +45,7 @@ pub struct Precision {
     pub per_joint: Vec<Option<f64>>,
     /// Mean error by frame; `None` where masked. Frame 0 is the start.
     pub per_frame: Vec<Option<f64>>,
-    /// Each hold: a run of three or more visible frames with one goal.
+    /// Each hold: a run of three or more frames with one goal for the same joints.
     pub holds: Vec<HoldError>,
 }
 
@@ -58,7 +58,7 @@ pub struct HoldError {
     pub length: usize,
     /// Mean error in its last frame, rad or m.
     pub end_error: f64,
-    /// Frames until all joints were within 0.05 rad or m; `None` when never.
+    /// Frames until all joints with a goal were within 0.05 rad or m; `None` when never.
     pub late_frames: Option<usize>,
 }
 
@@ -184,7 +184,7 @@ fn mean_abs_du(actions: &[f64], dim: usize) -> f64 {
     actions.iter().zip(&actions[dim..]).map(|(a, b)| (b - a).abs()).sum::<f64>() / changes as f64
 }
 
-/// Runs of at least three visible frames that command one pose.
+/// Runs of at least three frames that command one pose, of all joints or of some.
 fn holds(goals: &Goals, reached: &[f64], frames: usize) -> Vec<HoldError> {
     let dim = goals.dim();
     let asked = |f: usize| (0..dim).filter(move |&j| goals.is_visible(f, j));
@@ -205,10 +205,9 @@ fn holds(goals: &Goals, reached: &[f64], frames: usize) -> Vec<HoldError> {
         while f < frames && same(start, f) {
             f += 1;
         }
-        // A pose that is held from the start is not a transition that could be late.
-        let stays = |j: usize| goals.is_visible(0, j) && alike(0, 1, j);
-        let from_start = start == 1 && asked(1).all(stays);
-        if f - start < 3 || from_start {
+        // A pose that was held before, perhaps with other joints, is not a transition that could be late.
+        let stays = |j: usize| goals.is_visible(start - 1, j) && alike(start - 1, start, j);
+        if f - start < 3 || asked(start).all(stays) {
             continue;
         }
         let errors =
@@ -293,6 +292,22 @@ mod tests {
         // A hold that was never reached counts its whole length.
         assert!(near(p.frames_late, 2.5));
         assert!((p.hold_end.unwrap() - 0.16).abs() < 1e-9);
+    }
+
+    #[test]
+    fn holds_of_some_joints_are_measured_at_these() {
+        let n = [false, true];
+        let seen = [[true; 2], n, n, n, n, n, n, [true; 2], [true; 2], [true; 2], n, n, n].concat();
+        let q: Vec<f32> = (0..13).flat_map(|f| [0.0, if f > 3 { 1.0 } else { 0.0 }]).collect();
+        let command = Command::from_dense(vec!["a".into(), "b".into()], vec![0.0; 2], q, seen);
+        let reached: Vec<f64> =
+            (0..13).flat_map(|f| [9.0, if f > 4 { 0.98 } else { 0.0 }]).collect();
+        let p = Precision::measure(&Goals::new(&command.unwrap()), &reached, &[0.0; 12], 1);
+        // From frame 1 the second joint stays where it was at the start, and from frame 10 where it was
+        // before. From frame 7 the first joint has a goal as well, and is far off.
+        let holds: Vec<_> = p.holds.iter().map(|h| (h.frame, h.length, h.late_frames)).collect();
+        assert_eq!(holds, [(4, 3, Some(1)), (7, 3, None)]);
+        assert!((p.holds[0].end_error - 0.02).abs() < 1e-9, "{p:?}");
     }
 
     #[test]

@@ -11,6 +11,7 @@ use super::proto::{
     Color, CubePrimitive, CylinderPrimitive, Pose, Quaternion, SceneEntity, SceneUpdate,
     SpherePrimitive, TriangleListPrimitive, Vector3, timestamp,
 };
+use robert_base::limits;
 use robert_render::Shape;
 use robert_robot::Robot;
 
@@ -20,6 +21,9 @@ pub(super) const WORLD: &str = "world";
 pub(super) const COMMAND_PREFIX: &str = "cmd/";
 /// sRGB and opacity of the commanded robot: the same blue in every picture of ours.
 pub(super) const GHOST: [f32; 4] = [0.27, 0.51, 0.96, 0.3];
+
+/// The largest scene: a reader takes the chunk that it is in, with the messages before it.
+pub(super) const SCENE_BYTES: usize = limits::MCAP_RECORD_BYTES - (1 << 20);
 
 /// A robot in the form for viewers.
 #[derive(Clone, Debug, PartialEq)]
@@ -75,6 +79,11 @@ impl Scene {
     fn update(&self, nanos: u64) -> SceneUpdate {
         let stamped = |e: &SceneEntity| SceneEntity { timestamp: timestamp(nanos), ..e.clone() };
         SceneUpdate { entities: self.entities.iter().map(stamped).collect() }
+    }
+
+    /// What a take leaves out because its meshes are too large to be read back.
+    pub fn left_out(&self) -> Option<&'static str> {
+        self.message(0, SCENE_BYTES).1
     }
 
     /// The message with the whole scene if it has at most `most` bytes, else without the commanded

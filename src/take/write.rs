@@ -20,9 +20,8 @@ use super::header::{CLIP_JSON, CONFIG_TOML, FORMAT, Header, MODEL_CARD, TAKE_JSO
 use super::proto::{
     self, FrameTransform, FrameTransforms, JointError, Log, Metrics, Quaternion, Vector3,
 };
-use super::scene::{COMMAND_PREFIX, Scene, WORLD};
+use super::scene::{COMMAND_PREFIX, SCENE_BYTES, Scene, WORLD};
 use robert_base::fsio;
-use robert_base::limits;
 use robert_base::units::FPS;
 use robert_clip::Sight;
 
@@ -35,9 +34,6 @@ const FRAME_NANOS: u64 = 1_000_000_000 / FPS as u64;
 
 /// Bytes of a chunk before compression: about two seconds of a hand.
 const CHUNK_BYTES: u64 = 256 << 10;
-
-/// The largest scene: a reader takes the chunk that it is in.
-const SCENE_BYTES: usize = limits::MCAP_RECORD_BYTES - 4 * CHUNK_BYTES as usize;
 
 /// Levels of lines in the log.
 const INFO: i32 = 2;

@@ -239,6 +239,12 @@ fn other_robots_and_hidden_keys() {
     c.robot.joints[1] = "thumb".into();
     assert_eq!(rules(&c), [Rule::UnknownJoint]);
     assert_eq!(found(&c).len(), 2, "one too many and one too few");
+    c.robot.joints[2] = "wrist".into();
+    let both: Vec<String> = found(&c).into_iter().map(|l| l.message).collect();
+    assert!(
+        both.len() == 2 && both[0].contains("\"thumb\"") && both[0].contains("\"wrist\""),
+        "{both:?}"
+    );
     let mut c = clip(vec![Key::new(0, &[0.0; 3]).held(60), Key::new(9, &[0.0; 3]).held(51)]);
     assert_eq!(found(&c)[0].pointer, "/keys/0/hold");
     fixes(&c, Rule::Hidden);
@@ -274,6 +280,36 @@ fn poses_are_judged_by_the_checker() {
         c = edited(&c, &found.fixes[0].op, None).unwrap();
     }
     assert_eq!(lint(&c, &compile(&c).unwrap(), &table(), Some(&mut Wall)), []);
+}
+
+/// J2 follows J1, and J3 follows J2.
+#[test]
+fn joints_that_follow_may_be_left_free() {
+    let mut table = table();
+    let follows = |name: &str, leader: &str, coef: f64| Coupling {
+        kind: CouplingKind::Mimic,
+        name: leader.into(),
+        members: [(leader, 1.0), (name, coef)]
+            .map(|(j, coef)| CouplingMember { joint: j.into(), coef, offset: 0.0 })
+            .to_vec(),
+        tolerance: 0.1,
+    };
+    table.couplings = vec![follows("J3", "J2", 0.5), follows("J2", "J1", 1.0)];
+    let said = |row: [Option<f64>; 3]| {
+        let mut c = clip(vec![Key::new(0, &[0.0; 3]).held(60)]);
+        c.poses.insert("p".into(), row.to_vec());
+        let lints = lint(&c, &compile(&c).unwrap(), &table, Some(&mut Wall));
+        lints.into_iter().filter(|l| l.rule == Rule::Unreachable).collect::<Vec<_>>()
+    };
+    let found = said([Some(1.5), None, None]);
+    assert_eq!((found.len(), &found[0].joints[..]), (1, &["J1".to_owned()][..]));
+    assert_eq!(found[0].settled.as_ref().unwrap().asked, [1.5, 1.5, 0.75]);
+    // What is stored leaves free what was free.
+    let mut c = clip(vec![Key::new(0, &[0.0; 3]).held(60)]);
+    c.poses.insert("p".into(), vec![Some(1.5), None, None]);
+    let stored = edited(&c, &found[0].fixes[0].op, None).unwrap();
+    assert_eq!(stored.poses["p"], [Some(1.0), None, None]);
+    assert_eq!(said([None, None, None]), []);
 }
 
 #[test]

@@ -12,7 +12,7 @@ use std::sync::Arc;
 use super::draft::Draft;
 use crate::{Error, pairs, preparse, text};
 use robert_base::rng::{Rng, Stream};
-use robert_mujoco::{Data, Geom, Kind, Model, index};
+use robert_mujoco::{Data, Geom, Joint, Kind, Model, index};
 
 /// Poses that are drawn to find pairs of bodies that touch in most of them.
 const POSES: u64 = 60;
@@ -34,6 +34,7 @@ pub(super) fn exclude(
 ) -> Result<(), Error> {
     let model = Arc::new(model.duplicate()?);
     let mut data = Data::new(&model)?;
+    data.set_qpos(&within_ranges(&model))?;
     data.forward()?;
     let old: BTreeSet<(usize, usize)> = excluded(&model);
     let mut found: BTreeSet<(usize, usize)> = BTreeSet::new();
@@ -76,6 +77,20 @@ pub(super) fn exclude(
     };
     draft.assumed.push(format!("{} pairs of bodies never collide: {shown}{more}", reasons.len()));
     Ok(())
+}
+
+/// The default pose. A joint beyond its stops is put at the nearer one, because links may overlap beyond it.
+fn within_ranges(model: &Model) -> Vec<f64> {
+    let mut qpos = model.qpos0().to_vec();
+    let joints = model.jnt_limited().iter().zip(model.jnt_range().chunks_exact(2));
+    for (j, (limited, range)) in joints.enumerate() {
+        let one = matches!(model.joint_type(j), Some(Joint::Hinge | Joint::Slide));
+        if one && *limited != 0 && range[0] <= range[1] {
+            let q = &mut qpos[id(model.jnt_qposadr(), j)];
+            *q = q.clamp(range[0], range[1]);
+        }
+    }
+    qpos
 }
 
 fn excluded(model: &Model) -> BTreeSet<(usize, usize)> {
@@ -165,4 +180,21 @@ fn mostly_touching(model: &Arc<Model>, data: &mut Data) -> Result<Vec<(usize, us
     }
     let enough = (MOSTLY * poses as f64).ceil() as u64;
     Ok(hits.into_iter().filter(|(_, n)| *n >= enough).map(|(p, _)| p).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn joints_beyond_their_stops_stand_at_these() {
+        let model = Model::from_xml(
+            r#"<mujoco><compiler angle="radian" autolimits="true"/><worldbody><body><freejoint/><geom size=".1"/>
+            <body><joint name="a" range=".5 2"/><geom size=".1"/></body>
+            <body><joint name="b" range="-1 2"/><geom size=".1"/></body>
+            <body><joint name="c" type="slide"/><geom size=".1"/></body></body></worldbody></mujoco>"#,
+        )
+        .unwrap();
+        assert_eq!(within_ranges(&model)[7..], [0.5, 0.0, 0.0]);
+    }
 }

@@ -41,11 +41,7 @@ pub(super) fn find(
 /// A folder above `path` that has the package's name or contains a folder of that name. If there is
 /// none, a folder that has the files under another name.
 fn folder(path: &Path, package: &str, files: &[&str]) -> Option<PathBuf> {
-    // Only plain names, so that a file cannot point at what lies elsewhere.
-    let plain = |s: &str| {
-        !s.is_empty() && Path::new(s).components().all(|c| matches!(c, Component::Normal(_)))
-    };
-    if !plain(package) || !files.iter().all(|f| plain(f)) {
+    if !is_plain(package) || !files.iter().all(|f| is_plain(f)) {
         return None;
     }
     let above = || path.ancestors().skip(1).take(LEVELS).filter(|d| d.parent().is_some());
@@ -58,15 +54,56 @@ fn folder(path: &Path, package: &str, files: &[&str]) -> Option<PathBuf> {
     called.or_else(|| above().map(Path::to_owned).find(has))
 }
 
-/// A folder of the package's name beside the URDF or above it, whatever it contains. It is only a
-/// hint for the error message.
-pub(super) fn guess(path: &Path, package: &str, below: &str) -> Option<(PathBuf, bool)> {
+/// Only plain names, so that a file cannot point at what lies elsewhere.
+fn is_plain(name: &str) -> bool {
+    let mut parts = Path::new(name).components();
+    !name.is_empty() && parts.all(|part| matches!(part, Component::Normal(_)))
+}
+
+/// A folder that may be a package, for the error message.
+pub(super) struct Guess {
+    pub(super) folder: PathBuf,
+    /// Whether it has the file that is looked for.
+    pub(super) has_file: bool,
+}
+
+/// A folder of the package's name beside the URDF or above it, if there is one with the file `below`.
+pub(super) fn guess(path: &Path, package: &str, below: &str) -> Option<Guess> {
+    if !is_plain(package) || !is_plain(below) {
+        return None;
+    }
     let full = std::path::absolute(path).ok()?;
     let folders = full.ancestors().skip(1).take(8).flat_map(|dir| {
         let own = dir.file_name().is_some_and(|n| n == package).then(|| dir.to_owned());
         own.into_iter().chain(Some(dir.join(package)).filter(|d| d.is_dir()))
     });
-    let all: Vec<PathBuf> = folders.collect();
-    let holds = all.iter().find(|dir| dir.join(below).is_file()).cloned();
-    holds.map(|dir| (dir, true)).or_else(|| all.first().map(|dir| (dir.clone(), false)))
+    let guesses = folders.map(|folder| Guess { has_file: folder.join(below).is_file(), folder });
+    let mut first = None;
+    for guess in guesses {
+        if guess.has_file {
+            return Some(guess);
+        }
+        first = first.or(Some(guess));
+    }
+    first
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_with_the_file_is_the_better_guess() {
+        let dir = tempfile::tempdir().unwrap();
+        let near = dir.path().join("arm/urdf/arm");
+        std::fs::create_dir_all(&near).unwrap();
+        std::fs::write(dir.path().join("arm/a.stl"), "").unwrap();
+        std::fs::write(dir.path().join("b.stl"), "").unwrap();
+        let path = dir.path().join("arm/urdf/arm.urdf");
+        let said = |package, below| guess(&path, package, below).map(|g| (g.folder, g.has_file));
+        assert_eq!(said("arm", "a.stl"), Some((dir.path().join("arm"), true)));
+        assert_eq!(said("arm", "c.stl"), Some((near, false)));
+        assert_eq!(said("leg", "a.stl"), None);
+        assert_eq!(said("arm", "../b.stl"), None, "what lies elsewhere is not looked for");
+    }
 }

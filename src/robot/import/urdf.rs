@@ -658,12 +658,12 @@ impl<'a> Tree<'a> {
                 }
                 let lies = format!("\"{filename}\" lies in package \"{package}\"");
                 return Err(refuse(match packages::guess(self.path(), package, below) {
-                    Some((near, false)) => format!(
+                    Some(near) if !near.has_file => format!(
                         "{lies}, and {} has no \"{below}\"; name the folder that has it: --package {package}=DIR",
-                        near.display()
+                        near.folder.display()
                     ),
                     near => {
-                        let near = near.map_or_else(|| "DIR".into(), |(dir, _)| dir);
+                        let near = near.map_or_else(|| "DIR".into(), |n| n.folder);
                         let near = near.display();
                         format!("{lies}; say where that is: --package {package}={near}")
                     }

@@ -1,5 +1,6 @@
 //! Rule: the robot reaches the poses without touching itself.
 
+use crate::joints::Coupling;
 use crate::lint::finder::{Finder, Place, some_of};
 use crate::lint::finding::{Fix, Level, Lint, PoseChecker, Rule, SettledPose};
 
@@ -9,7 +10,7 @@ impl Finder<'_> {
         let mut lints = Vec::new();
         for place in self.places() {
             // Only complete poses can be simulated.
-            let Some(q) = self.with_followers(&place.row) else { continue };
+            let Some(q) = self.with_followers(place.row) else { continue };
             let is_asked = |joint: usize| place.row[joint].is_some();
             let report = checker.check(joints, &q);
             if !report.contacts.is_empty() {
@@ -74,23 +75,33 @@ impl Finder<'_> {
     /// left free.
     fn with_followers(&self, row: &[Option<f64>]) -> Option<Vec<f64>> {
         let mut whole = row.to_vec();
-        for coupling in self.table.followers() {
-            let places = || coupling.members.iter().filter(|m| m.coef != 0.0);
-            let at = |joint: &str| self.clip.joint(joint);
-            let shared = places().find_map(|m| {
-                let value = row.get(at(&m.joint)?).copied().flatten()?;
-                Some((value - m.offset) / m.coef)
-            });
-            for m in places() {
-                if let (Some(shared), Some(at)) = (shared, at(&m.joint))
-                    && let Some(slot @ None) = whole.get_mut(at)
-                {
-                    let q = m.coef * shared + m.offset;
-                    *slot = Some(self.table.joint(&m.joint).map_or(q, |j| j.clamp(q)));
-                }
+        let free = |row: &[Option<f64>]| row.iter().filter(|q| q.is_none()).count();
+        // A follower may lead another one, so this is repeated.
+        loop {
+            let before = free(&whole);
+            self.table.followers().for_each(|coupling| self.follow(coupling, &mut whole));
+            if free(&whole) == before {
+                return whole.into_iter().collect();
             }
         }
-        whole.into_iter().collect()
+    }
+
+    /// Fills in the free joints of a coupling of which one joint has a value.
+    fn follow(&self, coupling: &Coupling, row: &mut [Option<f64>]) {
+        let members = || coupling.members.iter().filter(|m| m.coef != 0.0);
+        let at = |joint: &str| self.clip.joint(joint);
+        let shared = members().find_map(|m| {
+            let value = row.get(at(&m.joint)?).copied().flatten()?;
+            Some((value - m.offset) / m.coef)
+        });
+        for m in members() {
+            if let (Some(shared), Some(at)) = (shared, at(&m.joint))
+                && let Some(slot @ None) = row.get_mut(at)
+            {
+                let q = m.coef * shared + m.offset;
+                *slot = Some(self.table.joint(&m.joint).map_or(q, |j| j.clamp(q)));
+            }
+        }
     }
 
     /// The frames at which keys command a row.

@@ -1,7 +1,7 @@
 //! Rule: the clip was made for this robot and contains something to perform.
 
 use crate::json::show;
-use crate::lint::finder::Finder;
+use crate::lint::finder::{Finder, some_of};
 use crate::lint::finding::{Level, Lint, Rule};
 
 impl Finder<'_> {
@@ -33,10 +33,10 @@ impl Finder<'_> {
             let message = "the clip was made for another version of this robot's model".to_owned();
             whole(Level::Warning, Rule::OtherRobot, message, "/robot/model_sha256", vec![]);
         }
-        let mut unknown: Vec<(usize, String)> = Vec::new();
+        let mut unknown: Vec<(usize, &String)> = Vec::new();
         for (i, name) in clip.robot.joints.iter().enumerate() {
             let Some(joint) = table.joint(name) else {
-                unknown.push((i, name.clone()));
+                unknown.push((i, name));
                 continue;
             };
             if clip.robot.units.get(i).is_some_and(|u| *u != joint.unit) {
@@ -48,8 +48,8 @@ impl Finder<'_> {
         if let Some((first, _)) = unknown.first() {
             let pointer = format!("/robot/joints/{first}");
             let names: Vec<String> = unknown.iter().map(|(_, name)| show(name)).collect();
-            let message = format!("{} has no joint {}", show(&table.robot), names.join(", "));
-            let names = unknown.into_iter().map(|(_, name)| name).collect();
+            let message = format!("{} has no joint {}", show(&table.robot), some_of(&names));
+            let names = unknown.into_iter().map(|(_, name)| name.clone()).collect();
             whole(Level::Error, Rule::UnknownJoint, message, &pointer, names);
         }
         let lacking: Vec<String> = table
@@ -60,7 +60,7 @@ impl Finder<'_> {
             .collect();
         if !lacking.is_empty() {
             let message = format!(
-                "the clip lacks joints of the robot: {} (a value of null in every key leaves one free)",
+                "the clip lacks joints of the robot: {} (to leave a joint free, list it and give it null in every key)",
                 lacking.join(", ")
             );
             whole(Level::Error, Rule::UnknownJoint, message, "/robot/joints", lacking);
