@@ -309,7 +309,7 @@ fn joints_that_follow_may_be_left_free() {
     c.poses.insert("p".into(), vec![Some(1.5), None, None]);
     let stored = edited(&c, &found[0].fixes[0].op, None).unwrap();
     assert_eq!(stored.poses["p"], [Some(1.0), None, None]);
-    assert_eq!(said([None, None, None]), []);
+    assert_eq!(said([Some(0.5), None, None]), []);
 }
 
 #[test]
