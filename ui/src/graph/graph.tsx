@@ -91,6 +91,8 @@ export function Graph(props: { onHint: (text: string) => void }) {
     const ctx = element?.getContext("2d");
     if (!element || !parent || !ctx) return;
     const observer = new ResizeObserver(() => {
+      // A graph that was just closed has no width, and must not fit the timeline's view to it.
+      if (parent.clientWidth === 0) return;
       const before = size.value.width;
       size.value = { width: parent.clientWidth, height: parent.clientHeight };
       if (before !== parent.clientWidth) store.view.value = fit(store.length.value, size.value);
