@@ -710,7 +710,7 @@ export interface HoldError {
   end_error: number;
   /** First commanded frame of the hold. */
   frame: number;
-  /** Frames until all joints were within 0.05 rad or m; null when never. */
+  /** Frames until all joints with a goal were within 0.05 rad or m; null when never. */
   late_frames: number | null;
   /** Its length in frames. */
   length: number;
@@ -1592,7 +1592,7 @@ export interface Precision {
   frames_late: number | null;
   /** Mean error in the last frame of each hold. */
   hold_end: number | null;
-  /** Each hold: a run of three or more visible frames with one goal. */
+  /** Each hold: a run of three or more frames with one goal for the same joints. */
   holds: HoldError[];
   /**
    * Mean absolute error over masked frames. If the hidden motion is known (tasks extracted from
