@@ -78,8 +78,8 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     if let Some(path) = &args.out {
         let take = done.take()?;
         let scene = take.scene(&done.robot)?;
-        if let Some(what) = scene.left_out().filter(|_| !global.quiet) {
-            out::aside(format!("warning: {what}"));
+        if let Some(what) = scene.left_out() {
+            tracing::warn!("{what}");
         }
         if input::is_standard(path) {
             out::bytes(&take.to_mcap(Some(&scene))?)?;

@@ -93,13 +93,10 @@ fn parse(text: &str) -> Result<Vec<Part>, String> {
         nodes: 0,
     };
     let asset = child(root, "asset");
-    let metre = asset
-        .and_then(|a| child(a, "unit"))
-        .and_then(|u| u.attribute("meter")?.parse::<f64>().ok())
-        .filter(|m| m.is_finite() && *m > 0.0)
-        .unwrap_or(1.0);
-    // The axis that points up is ignored, as in RViz, Gazebo and others: robots were drawn to look right
-    // there.
+    let unit = asset.and_then(|a| child(a, "unit")).and_then(|u| u.attribute("meter"));
+    let metre = unit.unwrap_or("1").trim().parse().ok().filter(|m: &f64| m.is_finite() && *m > 0.0);
+    let metre = metre.ok_or("the meter of its unit is not a positive number")?;
+    // The axis that points up is ignored, as in RViz: robots were drawn to look right there.
     let world = Matrix4::new_scaling(metre);
     for scene in root.descendants().filter(|n| named(*n, "visual_scene")) {
         for node in children(scene, "node") {
@@ -361,6 +358,8 @@ mod tests {
                 .is_err()
         );
         assert!(parse(&sample("<instance_node url=\"#n1\"/>")).unwrap_err().contains("itself"));
+        let unit = sample("").replace("meter=\"0.01\"", "meter=\"O.01\"");
+        assert!(parse(&unit).unwrap_err().contains("unit"));
         // A word that is no number must not move all numbers behind it to the front.
         for (whole, broken) in
             [("50 90 50", "50 9O 50"), ("0 1 2 3 0", "0 1 - 3 0"), ("4 3", "4 x")]

@@ -86,23 +86,23 @@ impl Scene {
         self.message(0, SCENE_BYTES).1
     }
 
-    /// The message with the whole scene if it has at most `most` bytes, else without the commanded
-    /// robot, else none; and what was left out. It stays one message, because viewers that jump to a time
-    /// read only the last one of a topic.
+    /// The whole scene if it has at most `most` bytes, else without the commanded robot, else none; and
+    /// what was left out. It stays one message, because viewers that jump to a time read only the last one
+    /// of a topic.
     pub(super) fn message(
         &self,
         nanos: u64,
         most: usize,
-    ) -> (Option<Vec<u8>>, Option<&'static str>) {
+    ) -> (Option<SceneUpdate>, Option<&'static str>) {
         let whole = self.update(nanos);
         if whole.encoded_len() <= most {
-            return (Some(whole.encode_to_vec()), None);
+            return (Some(whole), None);
         }
         let reached = whole.entities.into_iter().filter(|e| !e.id.starts_with(COMMAND_PREFIX));
         let reached = SceneUpdate { entities: reached.collect() };
         if reached.encoded_len() <= most {
             let what = "the shapes of the commanded robot are left out: the meshes are too large";
-            return (Some(reached.encode_to_vec()), Some(what));
+            return (Some(reached), Some(what));
         }
         (None, Some("the shapes are left out: the meshes are too large"))
     }
@@ -188,8 +188,8 @@ mod tests {
         let scene = Scene { entities: vec![entity("hand"), entity("cmd/hand")] };
         let shapes = |most| {
             let (message, left_out) = scene.message(7, most);
-            let update = message.map(|m| SceneUpdate::decode(&m[..]).unwrap().entities);
-            (update.map(|all| all.into_iter().map(|e| e.id).collect::<Vec<_>>()), left_out)
+            let ids = |m: SceneUpdate| m.entities.into_iter().map(|e| e.id).collect::<Vec<_>>();
+            (message.map(ids), left_out)
         };
         let whole = scene.update(7).encoded_len();
         assert_eq!(shapes(whole), (Some(vec!["hand".to_owned(), "cmd/hand".to_owned()]), None));

@@ -105,7 +105,7 @@ impl Take {
         out.put(channels.command_trajectory, 0, &self.trajectory())?;
         let (shapes, left_out) = scene.map_or((None, None), |s| s.message(nanos(0), SCENE_BYTES));
         if let Some(shapes) = shapes {
-            out.put(channels.scene, 0, &shapes)?;
+            out.put(channels.scene, 0, &shapes.encode_to_vec())?;
         }
         let left_out = left_out.map(|what| (WARNING, what.to_owned()));
         for (level, message) in self.remarks().into_iter().chain(left_out) {

@@ -152,7 +152,11 @@ impl Plan<'_> {
 
     fn take_file(take: &Take, robot: &Outcome<Arc<Robot>>) -> Outcome<Vec<u8>> {
         if let Ok(robot) = robot {
-            return Ok(take.to_mcap(Some(&take.scene(robot)?))?);
+            let scene = take.scene(robot)?;
+            if let Some(what) = scene.left_out() {
+                tracing::warn!("{what}");
+            }
+            return Ok(take.to_mcap(Some(&scene))?);
         }
         tracing::warn!(
             "robot {} is not known here: no geometry in the take; give it with --robot",
