@@ -89,6 +89,43 @@ fn packages_around_the_file_are_found() {
 }
 
 #[test]
+fn stops_that_fight_a_mimic_give_way() {
+    let turned = GRIPPER.replace("multiplier=\"1.2\"", "multiplier=\"-1.2\"");
+    let ran = robert()
+        .file("ws/g/urdf/g.urdf", turned)
+        .file("ws/g/meshes/Arm.STL", tetrahedron_stl())
+        .args(["import", "ws/g/urdf/g.urdf", "--out", "bot", "--json"])
+        .args(["--package", "gripper_description=ws/g"])
+        .succeeds();
+    let changed = notes(&ran.json(), "changed");
+    let expected = "joint \"grip2\" stops at -0.047 and 0.05 instead of 0 and 0.05";
+    assert!(changed.contains(expected), "{changed}");
+    let robot = Robot::from_folder(&ran.path("bot")).unwrap();
+    let follower = robot.joints().iter().find(|j| j.name == "grip2").unwrap();
+    assert_eq!(follower.range, [-0.047, 0.05]);
+    let changed = notes(&import_gripper(&[]).json(), "changed");
+    assert!(!changed.contains("stops at"), "{changed}");
+}
+
+#[test]
+fn limits_that_no_joint_needs_are_called_placeholders() {
+    let warned = |effort: &str| {
+        let urdf = GRIPPER.replace("effort=\"30\"", &format!("effort=\"{effort}\""));
+        let ran = robert()
+            .file("ws/g/urdf/g.urdf", urdf)
+            .file("ws/g/meshes/Arm.STL", tetrahedron_stl())
+            .args(["import", "ws/g/urdf/g.urdf", "--out", "bot", "--json"])
+            .args(["--package", "gripper_description=ws/g"])
+            .succeeds();
+        notes(&ran.json(), "warnings")
+    };
+    let said = warned("10000");
+    assert!(said.contains("1 of 2 motors have limits that no joint of this robot"), "{said}");
+    assert!(said.contains("\"turn\" needs") && said.contains("has 10000"), "{said}");
+    assert!(!warned("100").contains("placeholders"));
+}
+
+#[test]
 fn motors_without_an_effort_are_sized_for_what_they_carry_and_turn() {
     // A beam of 40 kg, 2 m long: about a vertical axis it has inertia and no weight, about the
     // level one both.
@@ -520,13 +557,32 @@ fn addresses_without_a_package_and_shapes_without_size_are_read() {
     let v = ran.json();
     assert_eq!(v["files"], 2);
     assert!(notes(&v, "dropped").contains("collision shape of link \"left\": its size is 0"));
+    // A mesh that is only drawn may be missing, one that collides may not.
+    let gone =
+        GRIPPER.replace("package://gripper_description/meshes/Arm.STL", "package:///gone.STL");
+    let ran = robert().file("g.urdf", &gone).args(["import", "g.urdf", "--out", "bot", "--json"]);
+    let dropped = notes(&ran.succeeds().json(), "dropped");
+    assert!(
+        dropped.contains(
+            "visual mesh \"package:///gone.STL\" of link \"arm\": \"gone.STL\" does not exist"
+        ),
+        "{dropped}"
+    );
+    let collides = gone.replace(
+        "<cylinder radius=\".05\" length=\".4\"/>",
+        "<mesh filename=\"package:///gone.STL\"/>",
+    );
+    let said = robert()
+        .file("g.urdf", collides)
+        .args(["import", "g.urdf", "--out", "bot"])
+        .fails(3)
+        .stderr;
+    assert!(said.contains("\"gone.STL\" does not exist") && !said.contains("--package"), "{said}");
     // No way out is named that the program would refuse.
     let astray = |address: &str| {
         let urdf = GRIPPER.replace("package://gripper_description/meshes/Arm.STL", address);
         robert().file("g.urdf", urdf).args(["import", "g.urdf", "--out", "bot"]).fails(3).stderr
     };
-    let said = astray("package:///Arm.STL");
-    assert!(said.contains("\"Arm.STL\" does not exist") && !said.contains("--package"), "{said}");
     let said = astray("package://a=b/Arm.STL");
     assert!(said.contains("correct the address") && !said.contains("--package"), "{said}");
     let said = astray("package:///../Arm.STL");

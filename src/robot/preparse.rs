@@ -248,17 +248,34 @@ fn is_numbers(value: &str) -> bool {
     value.split_ascii_whitespace().all(|number| number.parse::<f64>().is_ok())
 }
 
+/// Why a reference leads to no file.
+pub(super) enum Unresolved {
+    /// The place is allowed, but nothing is there.
+    Missing(String),
+    /// The reference leads elsewhere, or to what is no file.
+    Refused(String),
+}
+
+impl From<Unresolved> for String {
+    fn from(why: Unresolved) -> Self {
+        match why {
+            Unresolved::Missing(why) | Unresolved::Refused(why) => why,
+        }
+    }
+}
+
 /// The file that a reference means, inside `root`.
-pub(super) fn resolve(dir: &Path, written: &str, root: &Path) -> Result<PathBuf, String> {
+pub(super) fn resolve(dir: &Path, written: &str, root: &Path) -> Result<PathBuf, Unresolved> {
+    use Unresolved::{Missing, Refused};
     if written.is_empty() || written.len() > 4096 || written.contains('\0') {
-        return Err("the file name is empty or too long".into());
+        return Err(Refused("the file name is empty or too long".into()));
     }
     let plain = written.replace('\\', "/");
     let wide = || {
-        format!(
+        Refused(format!(
             "\"{written}\" is outside the project folder {}; use --root DIR to name a folder that contains everything",
             root.display()
-        )
+        ))
     };
     let path = dir.join(&plain);
     // Checked before the disk is accessed, so that files outside cannot be probed.
@@ -279,14 +296,14 @@ pub(super) fn resolve(dir: &Path, written: &str, root: &Path) -> Result<PathBuf,
         return Err(wide());
     }
     let real = path.canonicalize().map_err(|e| match e.kind() {
-        std::io::ErrorKind::NotFound => format!("\"{written}\" does not exist"),
-        _ => format!("\"{written}\" cannot be opened: {e}"),
+        std::io::ErrorKind::NotFound => Missing(format!("\"{written}\" does not exist")),
+        _ => Refused(format!("\"{written}\" cannot be opened: {e}")),
     })?;
     if !real.starts_with(root) {
         return Err(wide());
     }
     if !real.is_file() {
-        return Err(format!("\"{written}\" is not a file"));
+        return Err(Refused(format!("\"{written}\" is not a file")));
     }
     Ok(real)
 }
@@ -527,7 +544,7 @@ fn assets(
             let real = match &seen {
                 Some(real) => real.clone(),
                 None => resolve(dir, &below, root)
-                    .map_err(|m| refuse(node, path, format!("{tag} file {m}")))?,
+                    .map_err(|m| refuse(node, path, format!("{tag} file {}", String::from(m))))?,
             };
             if tag == "texture" {
                 pictures.extend(mesh::png_size(&real));

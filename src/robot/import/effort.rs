@@ -7,11 +7,6 @@ use robert_mujoco::{Model, Transmission};
 
 /// Force limit of a motor that carries nothing, N m or N.
 const LEAST: f64 = 10.0;
-/// Force limit relative to the greatest weight that a motor carries in some pose.
-const RESERVE: f64 = 2.5;
-/// The acceleration that a motor reaches if it carries no weight, rad/s^2 or m/s^2. The first joint
-/// of an arm, for example, turns the whole arm about a vertical axis.
-const ACCELERATION: f64 = 5.0;
 
 /// Forces for the motors of a model, N m or N.
 pub(super) struct Efforts {
@@ -29,13 +24,7 @@ impl Efforts {
     pub(super) fn of(model: &Model, config: &ImportConfig) -> Result<Efforts, Error> {
         let needed = match config.effort {
             Some(_) => Vec::new(),
-            None => plausible::loads(model)?
-                .into_iter()
-                .map(|load| {
-                    let weight = load.weights.into_iter().fold(0.0, f64::max);
-                    (RESERVE * weight).max(ACCELERATION * load.inertia)
-                })
-                .collect(),
+            None => plausible::loads(model)?.iter().map(plausible::Load::effort).collect(),
         };
         Ok(Efforts { asked: config.effort, needed })
     }

@@ -16,8 +16,8 @@ pub(super) fn split(reference: &str) -> Option<(&str, &str)> {
     Some(rest.split_once('/').unwrap_or((rest, "")))
 }
 
-/// Finds the folders of packages that are not in `given`, by name: the folder must contain every
-/// mesh that the URDF at `path` takes from the package.
+/// Finds the folders of packages that are not in `given`: a folder of the package's name that has a
+/// mesh which the URDF at `path` takes from the package, or any folder above that has all of them.
 pub(super) fn find(
     doc: &Document<'_>,
     path: &Path,
@@ -45,13 +45,16 @@ fn folder(path: &Path, package: &str, files: &[&str]) -> Option<PathBuf> {
         return None;
     }
     let above = || path.ancestors().skip(1).take(LEVELS).filter(|d| d.parent().is_some());
-    let has = |dir: &PathBuf| files.iter().all(|f| dir.join(f).is_file());
-    let called = above()
-        .filter(|d| d.file_name().is_some_and(|n| n == package))
-        .map(Path::to_owned)
-        .chain(above().map(|d| d.join(package)))
-        .find(has);
-    called.or_else(|| above().map(Path::to_owned).find(has))
+    let count = |dir: &PathBuf| files.iter().filter(|f| dir.join(f).is_file()).count();
+    let called = || {
+        let own = above().filter(|d| d.file_name().is_some_and(|n| n == package));
+        own.map(Path::to_owned).chain(above().map(|d| d.join(package)))
+    };
+    let all = |dir: &PathBuf| count(dir) == files.len();
+    called()
+        .find(all)
+        .or_else(|| above().map(Path::to_owned).find(all))
+        .or_else(|| called().find(|dir| count(dir) > 0))
 }
 
 /// Only plain names, so that a file cannot point at what lies elsewhere.

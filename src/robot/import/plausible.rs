@@ -1,55 +1,92 @@
-//! Checks whether the motors can carry the robot.
+//! Checks whether the motors fit the robot: strong enough to carry it, and no placeholders.
 
 use std::sync::Arc;
 
 use super::draft::Draft;
 use crate::Error;
-use crate::derive::torque_limit;
+use crate::derive::{digits, torque_limit};
 use crate::golden::spread_model;
-use robert_mujoco::{Data, Kind, Model};
+use robert_mujoco::{Data, Joint, Kind, Model};
 
 /// Poses beside the default one.
 const POSES: usize = 8;
+/// A motor's limit that is this many times what the most loaded joint needs is a placeholder.
+const ABSURD: f64 = 100.0;
+/// Force limit relative to the greatest weight that a motor carries in some pose.
+const RESERVE: f64 = 2.5;
+/// The acceleration that a motor reaches if it carries no weight, rad/s^2 or m/s^2. The first joint
+/// of an arm, for example, turns the whole arm about a vertical axis.
+const ACCELERATION: f64 = 5.0;
 /// Joints that a warning names.
 const NAMED: usize = 4;
 
-/// Warns of motors that are too weak against gravity in most poses.
+/// Warns of motors that are too weak against gravity in most poses, and of limits far above what any
+/// joint of the robot could need.
 ///
 /// # Errors
 /// [`Error::Simulator`].
 pub(super) fn check(draft: &mut Draft, model: &Arc<Model>) -> Result<(), Error> {
-    let mut weak = Vec::new();
-    for (j, load) in loads(model)?.into_iter().enumerate() {
+    let loads = loads(model)?;
+    let most = |slides: bool| {
+        let like = |j: &usize| (model.joint_type(*j) == Some(Joint::Slide)) == slides;
+        (0..loads.len()).filter(like).map(|j| loads[j].without_rotor().effort()).fold(0.0, f64::max)
+    };
+    let most = [most(false), most(true)];
+    let (mut weak, mut absurd) = (Vec::new(), Vec::new());
+    for (j, load) in loads.iter().enumerate() {
         let Some(limit) = torque_limit(model, j) else { continue };
-        let mut asked = load.weights;
+        let mut asked = load.weights.clone();
         asked.sort_by(f64::total_cmp);
         let median = asked[asked.len() / 2];
+        let most = most[usize::from(model.joint_type(j) == Some(Joint::Slide))];
         if median > limit {
-            weak.push((median / limit, j, median, limit));
+            weak.push(Unfit { joint: j, asked: median, limit });
+        } else if limit > ABSURD * most {
+            absurd.push(Unfit { joint: j, asked: most, limit });
         }
     }
-    if weak.is_empty() {
-        return Ok(());
-    }
-    weak.sort_by(|a, b| b.0.total_cmp(&a.0));
     let mass: f64 = model.body_mass().iter().sum();
-    let named: Vec<String> = weak
-        .iter()
-        .take(NAMED)
-        .map(|(_, j, asked, limit)| {
-            let name = model.name(Kind::Joint, *j).unwrap_or_default();
-            format!("\"{name}\" needs {asked:.1} and has {limit:.1}")
-        })
-        .collect();
-    draft.warnings.push(format!(
-        "{} of {} motors cannot hold the robot of {mass:.1} kg up in most poses (N m or N): {}{}; check \
-         masses, units, and the motors' limits in the file",
-        weak.len(),
-        model.nu(),
-        named.join(", "),
-        if weak.len() > NAMED { ", …" } else { "" }
-    ));
+    if !weak.is_empty() {
+        draft.warnings.push(format!(
+            "{} of {} motors cannot hold the robot of {mass:.1} kg up in most poses (N m or N): {}; check \
+             masses, units, and the motors' limits in the file",
+            weak.len(),
+            model.nu(),
+            list(model, weak)
+        ));
+    }
+    if !absurd.is_empty() {
+        draft.warnings.push(format!(
+            "{} of {} motors have limits that no joint of this robot of {mass:.3} kg needs (N m or N): {}; \
+             they may be placeholders, and its drives are modelled in proportion: write the real limits \
+             into the file",
+            absurd.len(),
+            model.nu(),
+            list(model, absurd)
+        ));
+    }
     Ok(())
+}
+
+/// A motor whose limit does not fit.
+struct Unfit {
+    joint: usize,
+    /// What the joint needs, N m or N.
+    asked: f64,
+    limit: f64,
+}
+
+/// The worst of them in words.
+fn list(model: &Model, mut unfit: Vec<Unfit>) -> String {
+    let off = |u: &Unfit| (u.asked / u.limit).ln().abs();
+    unfit.sort_by(|a, b| off(b).total_cmp(&off(a)));
+    let named = unfit.iter().take(NAMED).map(|u| {
+        let name = model.name(Kind::Joint, u.joint).unwrap_or_default();
+        let [asked, limit] = [u.asked, u.limit].map(|x| digits(x, 2));
+        format!("\"{name}\" needs {asked} and has {limit}")
+    });
+    let more = if unfit.len() > NAMED { ", …" } else { "" };
+    named.collect::<Vec<_>>().join(", ") + more
 }
 
 /// What the motor of one joint must hold and accelerate.
@@ -59,6 +96,20 @@ pub(super) struct Load {
     pub(super) weights: Vec<f64>,
     /// The greatest inertia about the joint over the poses, kg m^2 or kg.
     pub(super) inertia: f64,
+    /// The part of it that the motor's rotor has.
+    rotor: f64,
+}
+
+impl Load {
+    /// A force limit that carries and moves the joint, N m or N.
+    pub(super) fn effort(&self) -> f64 {
+        let weight = self.weights.iter().copied().fold(0.0, f64::max);
+        (RESERVE * weight).max(ACCELERATION * self.inertia)
+    }
+
+    fn without_rotor(&self) -> Load {
+        Load { inertia: self.inertia - self.rotor, rotor: 0.0, ..self.clone() }
+    }
 }
 
 /// The loads of all joints, at the default pose and at poses over the range.
@@ -85,6 +136,7 @@ pub(super) fn loads(model: &Model) -> Result<Vec<Load>, Error> {
             let dof = model.jnt_dofadr()[j] as usize;
             load.weights.push((data.qfrc_bias()[dof] - data.qfrc_passive()[dof]).abs());
             load.inertia = load.inertia.max(mass[dof * model.nv() + dof]);
+            load.rotor = model.dof_armature()[dof];
         }
     }
     Ok(loads)

@@ -12,6 +12,7 @@ use super::description::{self, Description, Geometry, Joint, JointType, Link, Po
 use super::draft::{ASSET_DIR, Draft, physics};
 use super::packages;
 use crate::derive::digits;
+use crate::preparse::Unresolved;
 use crate::text::escape;
 use crate::{Error, dae, mesh, preparse};
 
@@ -452,15 +453,8 @@ impl<'a> Tree<'a> {
             }
         }
         let limit = &j.limit;
-        let has_limit = self.joint_node(&j.name).children().any(|n| n.has_tag_name("limit"));
-        if j.joint_type != JointType::Continuous {
-            if limit.lower < limit.upper {
-                write!(self.body, " limited=\"true\" range=\"{} {}\"", limit.lower, limit.upper)
-                    .ok();
-            } else {
-                let why = if has_limit { "lower and upper are equal" } else { "it has no <limit>" };
-                self.draft.assumed.push(format!("joint \"{}\" has no end stops: {why}", j.name));
-            }
+        if let Some([lower, upper]) = self.stops(j) {
+            write!(self.body, " limited=\"true\" range=\"{lower} {upper}\"").ok();
         }
         self.body.push_str("/>\n");
         if limit.velocity > 0.0 {
@@ -494,6 +488,46 @@ impl<'a> Tree<'a> {
         )
         .ok();
         Ok(())
+    }
+
+    /// The end stops of a joint, rad or m; `None` if it has none, which is reported.
+    fn stops(&mut self, j: &Joint) -> Option<[f64; 2]> {
+        if j.joint_type == JointType::Continuous {
+            return None;
+        }
+        let own = [j.limit.lower, j.limit.upper];
+        if own[0] >= own[1] {
+            let has_limit = self.joint_node(&j.name).children().any(|n| n.has_tag_name("limit"));
+            let why = if has_limit { "lower and upper are equal" } else { "it has no <limit>" };
+            self.draft.assumed.push(format!("joint \"{}\" has no end stops: {why}", j.name));
+            return None;
+        }
+        let wide = self.led(j).map_or(own, |[a, b]| [own[0].min(a), own[1].max(b)]);
+        if wide != own {
+            let [[lower, upper], [low, high]] = [own, wide];
+            self.draft.changed.push(format!(
+                "joint \"{}\" stops at {low} and {high} instead of {lower} and {upper}, which would not let \
+                 it follow its leader",
+                j.name
+            ));
+        }
+        Some(wide)
+    }
+
+    /// The positions to which its leader leads a joint, rad or m, lowest and highest.
+    fn led(&self, j: &Joint) -> Option<[f64; 2]> {
+        let m = j.mimic.as_ref()?;
+        let leader = self.robot.joints.iter().find(|l| l.name == m.joint)?;
+        let (lower, upper) = (leader.limit.lower, leader.limit.upper);
+        if leader.joint_type == JointType::Continuous || lower >= upper {
+            return None;
+        }
+        let at = |x: f64| {
+            let led = m.offset.unwrap_or(0.0) + m.multiplier.unwrap_or(1.0) * x;
+            (led * 1e6).round() / 1e6
+        };
+        let (a, b) = (at(lower), at(upper));
+        Some([a.min(b), a.max(b)])
     }
 
     fn shapes(&mut self, link: &'a Link, pad: &str) -> Result<(), Error> {
@@ -572,7 +606,15 @@ impl<'a> Tree<'a> {
             );
             return Ok(Vec::new());
         }
-        let file = self.locate(filename)?;
+        let file = match self.locate(filename)? {
+            Ok(file) => file,
+            // Motion does not depend on what is only drawn.
+            Err(why) if what == "visual" => {
+                self.leave_out(filename, link, what, &why);
+                return Ok(Vec::new());
+            }
+            Err(why) => return Err(self.refuse_mesh(filename, &why)),
+        };
         mesh::check_file(&file).map_err(|m| self.refuse_mesh(filename, &m))?;
         let files = if mesh::extension(&file) == "dae" {
             match self.collada(&file)? {
@@ -634,9 +676,15 @@ impl<'a> Tree<'a> {
         preparse::refuse(node, self.path(), message)
     }
 
-    /// The file of a mesh reference, inside the roots that the user gave.
-    fn locate(&self, filename: &str) -> Result<PathBuf, Error> {
+    /// The file of a mesh reference, inside the roots that the user gave; the inner error says that
+    /// there is none.
+    fn locate(&self, filename: &str) -> Result<Result<PathBuf, String>, Error> {
         let refuse = |m: String| self.refuse_mesh(filename, &m);
+        let found = |file| match file {
+            Ok(file) => Ok(Ok(file)),
+            Err(Unresolved::Missing(why)) => Ok(Err(why)),
+            Err(Unresolved::Refused(why)) => Err(refuse(why)),
+        };
         let dir = self
             .path()
             .parent()
@@ -645,8 +693,7 @@ impl<'a> Tree<'a> {
         if let Some(("", below)) = packages::split(filename) {
             let root = &self.project.root;
             let beside = preparse::resolve(dir, below, root);
-            return beside
-                .or_else(|m| preparse::resolve(root, below, root).map_err(|_second| refuse(m)));
+            return found(beside.or_else(|m| preparse::resolve(root, below, root).map_err(|_| m)));
         }
         if let Some((package, below)) = packages::split(filename) {
             let given = self.config.packages.get(package);
@@ -672,7 +719,7 @@ impl<'a> Tree<'a> {
             let real = root.canonicalize().map_err(|e| {
                 refuse(format!("package \"{package}\" is not at {}: {e}", root.display()))
             })?;
-            return preparse::resolve(&real, below, &real).map_err(refuse);
+            return found(preparse::resolve(&real, below, &real));
         }
         if filename.contains("://") && !filename.starts_with("file://") {
             return Err(refuse(format!(
@@ -680,7 +727,7 @@ impl<'a> Tree<'a> {
             )));
         }
         let plain = filename.strip_prefix("file://").unwrap_or(filename);
-        preparse::resolve(dir, plain, &self.project.root).map_err(refuse)
+        found(preparse::resolve(dir, plain, &self.project.root))
     }
 
     fn finish(mut self) -> Result<Draft, Error> {
