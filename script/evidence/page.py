@@ -11,11 +11,11 @@ import os
 import re
 import tomllib
 
-from . import curves, dots, record, table
+from . import curves, dots, record, table, trend
 from .record import FOLDER, ROOT, Missing
 
 BLOCK = re.compile(r"<!-- results: (\S+) -->(.*?)<!-- end -->", re.DOTALL)
-PLOTS = {"dots": dots.draw, "curves": curves.draw}
+PLOTS = {"dots": dots.draw, "curves": curves.draw, "trend": trend.draw}
 
 
 def pages():

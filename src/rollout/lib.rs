@@ -36,6 +36,7 @@ mod pd;
 mod planned;
 mod policy;
 mod precision;
+mod random;
 mod reachable;
 mod refine;
 mod registry;

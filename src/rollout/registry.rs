@@ -15,6 +15,7 @@ use super::learned::{self, Learned, Linear};
 use super::nearest::Nearest;
 use super::pd::Pd;
 use super::policy::Policy;
+use super::random::Random;
 use super::refine::Refined;
 use super::sampling::{PredictiveSampling, SamplingConfig};
 use super::shipped;
@@ -32,6 +33,8 @@ use robert_robot::Robot;
 pub enum PolicyName {
     /// No torque.
     Zero,
+    /// A new random action in every frame.
+    Random,
     /// Proportional-derivative, gains from the mass matrix.
     Pd,
     /// Inverse dynamics of the true model.
@@ -55,7 +58,7 @@ pub enum PolicyName {
 }
 
 /// The name to type for each policy, its argument and a description, in the order of tables.
-const NAMES: [(PolicyName, &str, &str, &str); 11] = {
+const NAMES: [(PolicyName, &str, &str, &str); 12] = {
     use PolicyName as P;
     [
         (
@@ -65,6 +68,7 @@ const NAMES: [(PolicyName, &str, &str, &str); 11] = {
             "the best of several policies, by simulation, with corrected goals",
         ),
         (P::Zero, "zero", "", "no torque"),
+        (P::Random, "random", "", "a new random action in every frame"),
         (P::Pd, "pd", "", "proportional-derivative control, joint by joint"),
         (P::ComputedTorque, "computed-torque", "", "inverse dynamics of the robot's model"),
         (
@@ -103,6 +107,7 @@ impl PolicyName {
     pub fn suits(self) -> &'static str {
         match self {
             PolicyName::Zero => "seeing what gravity alone does",
+            PolicyName::Random => "comparison: the error of a policy that has learned nothing",
             PolicyName::Pd => "slow motion with a goal in every frame",
             PolicyName::ComputedTorque => "an accurate robot model and goals close together",
             PolicyName::AdaptiveComputedTorque => {
@@ -529,6 +534,7 @@ impl PolicyConfig {
         let policy: Box<dyn Policy> = match self.name {
             PolicyName::Auto => unreachable!("auto is tried on a clip"),
             PolicyName::Zero => Box::new(Zero),
+            PolicyName::Random => Box::new(Random::default()),
             PolicyName::Pd => Box::new(Pd::new(robot)?),
             PolicyName::ComputedTorque => Box::new(ComputedTorque::new(robot)?),
             PolicyName::AdaptiveComputedTorque => Box::new(AdaptiveComputedTorque::new(robot)?),

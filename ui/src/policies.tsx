@@ -2,7 +2,17 @@
 
 import { Check, FlaskConical, X } from "lucide";
 import { Icon } from "./icon";
-import { leaving, nearest, policyId, shown, trainedFor, variant, withPolicy, withRun } from "./policy";
+import {
+  isAimless,
+  leaving,
+  nearest,
+  policyId,
+  shown,
+  trainedFor,
+  variant,
+  withPolicy,
+  withRun,
+} from "./policy";
 import { Settings } from "./policy_settings";
 import { labelInWords, words } from "./policy_words";
 import type { PolicyCard, RunCard, Trial } from "./protocol";
@@ -25,9 +35,9 @@ interface Choice {
   group: string;
 }
 
-/** The default first, then what was learned, and last what does nothing. */
+/** The default first, then what was learned, and last what ignores the goals. */
 function byUse(a: PolicyCard, b: PolicyCard): number {
-  const place = (p: PolicyCard): number => (p.default ? 0 : p.name === "zero" ? 3 : p.learned ? 1 : 2);
+  const place = (p: PolicyCard): number => (p.default ? 0 : isAimless(p) ? 3 : p.learned ? 1 : 2);
   return place(a) - place(b);
 }
 

@@ -23,6 +23,9 @@ const idOf = (s: RolloutSettings): string =>
 export const variant = (card: Candidate, guide: Guide): string =>
   (card.run ?? policyId(card)) + { none: "", linear: "+guide", smooth: "+smooth" }[guide];
 
+/** Whether a policy ignores the goals. */
+export const isAimless = (p: PolicyCard): boolean => p.name === "zero" || p.name === "random";
+
 /** Settings without a model, and without the guide where the policy in use wanted it. */
 export function leaving(settings: RolloutSettings, cards: PolicyCard[]): RolloutSettings {
   const { model_path: _, ...rest } = settings;

@@ -38,6 +38,10 @@ const WORDS: Record<PolicyName, Words> = {
     about: "Tries many motions and keeps the best. Take it for contact; takes seconds.",
   },
   zero: { title: "No torque", about: "Does nothing. Shows what gravity alone does." },
+  random: {
+    title: "Random torque",
+    about: "Ignores the goals. Shows the error of a policy that has learned nothing.",
+  },
   nearest: {
     title: "Nearest recording",
     about: "Repeats the nearest recorded motion. Shows what the recordings already contain.",

@@ -1,7 +1,15 @@
 // Every policy that answers at once performs the clip as it stands, and the nearest is proposed.
 
 import { effect, signal } from "@preact/signals";
-import { asCandidate, type Candidate, type Tried, trainedFor, variant, withPolicy } from "./policy";
+import {
+  asCandidate,
+  type Candidate,
+  isAimless,
+  type Tried,
+  trainedFor,
+  variant,
+  withPolicy,
+} from "./policy";
 import type { Guide, RolloutSettings } from "./protocol";
 import * as store from "./store";
 import { tell } from "./wire";
@@ -36,7 +44,7 @@ export async function tryAll(): Promise<void> {
   const rows: Tried[] = [];
   const robot = store.doc.value?.clip.robot.id;
   const cards: Candidate[] = [
-    ...store.policies.value.filter((p) => p.available && p.name !== "zero" && p.name !== "auto" && !p.slow),
+    ...store.policies.value.filter((p) => p.available && !isAimless(p) && p.name !== "auto" && !p.slow),
     ...trainedFor(robot, store.workspace.value.runs).map(asCandidate),
   ];
   const masked = store.doc.value?.findings.spans.some((s) => s.kind === "masked" || s.kind === "open");

@@ -1502,6 +1502,8 @@ export interface PolicyCard {
 export type PolicyName =
   /** No torque. */
   | "zero"
+  /** A new random action in every frame. */
+  | "random"
   /** Proportional-derivative, gains from the mass matrix. */
   | "pd"
   /** Inverse dynamics of the true model. */
