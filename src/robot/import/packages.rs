@@ -7,6 +7,8 @@ use roxmltree::Document;
 
 /// How many folders above its file a package may begin: `NAME/urdf/arms/arm.urdf` is three below.
 const LEVELS: usize = 4;
+/// How many folders above its file an error message looks for a package.
+const HINT_LEVELS: usize = 8;
 
 /// The parts of a mesh reference: its package, and the file in the package. The package has no name
 /// in `package:///arm.stl`, which some tools write for files beside the URDF.
@@ -44,17 +46,29 @@ fn folder(path: &Path, package: &str, files: &[&str]) -> Option<PathBuf> {
     if !is_plain(package) || !files.iter().all(|f| is_plain(f)) {
         return None;
     }
-    let above = || path.ancestors().skip(1).take(LEVELS).filter(|d| d.parent().is_some());
     let count = |dir: &PathBuf| files.iter().filter(|f| dir.join(f).is_file()).count();
-    let called = || {
-        let own = above().filter(|d| d.file_name().is_some_and(|n| n == package));
-        own.map(Path::to_owned).chain(above().map(|d| d.join(package)))
-    };
     let all = |dir: &PathBuf| count(dir) == files.len();
-    called()
+    called(path, package, LEVELS)
         .find(all)
-        .or_else(|| above().map(Path::to_owned).find(all))
-        .or_else(|| called().find(|dir| count(dir) > 0))
+        .or_else(|| above(path, LEVELS).map(Path::to_owned).find(all))
+        .or_else(|| called(path, package, LEVELS).find(|dir| count(dir) > 0))
+}
+
+/// The folders above a file, nearest first, without the root of the disk.
+fn above(path: &Path, levels: usize) -> impl Iterator<Item = &Path> {
+    path.ancestors().skip(1).take(levels).filter(|d| d.parent().is_some())
+}
+
+/// The folders of a package's name that contain a file or lie beside a folder that does.
+fn called<'a>(
+    path: &'a Path,
+    package: &'a str,
+    levels: usize,
+) -> impl Iterator<Item = PathBuf> + 'a {
+    above(path, levels).flat_map(move |dir| {
+        let own = dir.file_name().is_some_and(|n| n == package).then(|| dir.to_owned());
+        own.into_iter().chain(Some(dir.join(package)).filter(|d| d.is_dir()))
+    })
 }
 
 /// Only plain names, so that a file cannot point at what lies elsewhere.
@@ -76,10 +90,7 @@ pub(super) fn guess(path: &Path, package: &str, below: &str) -> Option<Guess> {
         return None;
     }
     let full = std::path::absolute(path).ok()?;
-    let folders = full.ancestors().skip(1).take(8).flat_map(|dir| {
-        let own = dir.file_name().is_some_and(|n| n == package).then(|| dir.to_owned());
-        own.into_iter().chain(Some(dir.join(package)).filter(|d| d.is_dir()))
-    });
+    let folders = called(&full, package, HINT_LEVELS);
     let guesses = folders.map(|folder| Guess { has_file: folder.join(below).is_file(), folder });
     let mut first = None;
     for guess in guesses {
