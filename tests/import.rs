@@ -89,6 +89,53 @@ fn packages_around_the_file_are_found() {
 }
 
 #[test]
+fn limits_that_say_nothing_are_taken_as_such() {
+    let urdf = GRIPPER.replace(
+        "<limit effort=\"30\" velocity=\"2\"/><dynamics damping=\".7\" friction=\".2\"/>",
+        "<limit lower=\"-1e16\" upper=\"1e16\" effort=\"-1\" velocity=\"111\"/>",
+    );
+    assert_ne!(urdf, GRIPPER);
+    let ran = robert()
+        .file("g.urdf", &urdf)
+        .args([
+            "import",
+            "g.urdf",
+            "--out",
+            "bot",
+            "--without-meshes",
+            "--effort",
+            "4000",
+            "--json",
+        ])
+        .succeeds();
+    // A wheel may be fast, and its motor is given by hand.
+    let assumed = notes(&ran.json(), "assumed");
+    assert!(assumed.contains("spent at 111.000, as the file says"), "{assumed}");
+    let stopped = urdf.replace("type=\"continuous\"", "type=\"revolute\"").replace("1e16", "1");
+    let ran = robert()
+        .file("g.urdf", stopped)
+        .args([
+            "import",
+            "g.urdf",
+            "--out",
+            "bot",
+            "--without-meshes",
+            "--effort",
+            "4000",
+            "--json",
+        ])
+        .succeeds();
+    let assumed = notes(&ran.json(), "assumed");
+    assert!(assumed.contains("because 111 in the file is a placeholder"), "{assumed}");
+    let said = robert()
+        .file("g.urdf", urdf.replace("effort=\"-1\"", "effort=\"-2\""))
+        .args(["import", "g.urdf", "--out", "bot", "--without-meshes"])
+        .fails(3)
+        .stderr;
+    assert!(said.contains("joint \"turn\": effort -2 is negative"), "{said}");
+}
+
+#[test]
 fn stops_that_fight_a_mimic_give_way() {
     let turned = GRIPPER.replace("multiplier=\"1.2\"", "multiplier=\"-1.2\"");
     let ran = robert()
@@ -578,6 +625,25 @@ fn addresses_without_a_package_and_shapes_without_size_are_read() {
         .fails(3)
         .stderr;
     assert!(said.contains("\"gone.STL\" does not exist") && !said.contains("--package"), "{said}");
+    let ran = robert()
+        .file(
+            "g.urdf",
+            gone.replace("<cylinder radius=\".05\" length=\".4\"/>", "<mesh filename=\"no.STL\"/>"),
+        )
+        .args(["import", "g.urdf", "--out", "bot", "--without-meshes", "--json"])
+        .succeeds();
+    assert!(notes(&ran.json(), "dropped").contains("collision mesh \"no.STL\" of link \"arm\""));
+    // A name that differs in upper and lower case only is found, as on other systems.
+    let ran = robert()
+        .file(
+            "g.urdf",
+            GRIPPER.replace("package://gripper_description/meshes/Arm.STL", "meshes/Arm.STL"),
+        )
+        .file("meshes/arm.stl", tetrahedron_stl())
+        .args(["import", "g.urdf", "--out", "bot", "--without-meshes", "--json"])
+        .succeeds();
+    let assumed = notes(&ran.json(), "assumed");
+    assert!(assumed.contains("mesh \"meshes/Arm.STL\" is the file arm.stl"), "{assumed}");
     // No way out is named that the program would refuse.
     let astray = |address: &str| {
         let urdf = GRIPPER.replace("package://gripper_description/meshes/Arm.STL", address);

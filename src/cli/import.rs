@@ -54,6 +54,9 @@ pub(super) struct ModelFlags {
     /// Leave a body out, with everything that refers to it (MJCF). May be repeated.
     #[arg(long, value_name = "BODY")]
     without: Vec<String>,
+    /// Leave out meshes whose files are missing, also those that collide (URDF).
+    #[arg(long)]
+    without_meshes: bool,
     /// Whether position and velocity servos are kept, with their control as the action, or replaced
     /// by torque motors.
     #[arg(long, value_enum, default_value_t = ServoFlag::Keep)]
@@ -109,6 +112,7 @@ impl ModelFlags {
             effort: self.effort,
             weld: self.weld.clone(),
             without: self.without.clone(),
+            without_meshes: self.without_meshes,
             servos: match self.actuators {
                 ServoFlag::Keep => Servos::Keep,
                 ServoFlag::Torque => Servos::Torque,

@@ -151,12 +151,16 @@ fn show(robot: &str, json: bool, toml: bool) -> Outcome {
     ))?;
     let mut t = out::table(&["joint", "unit", "from", "to", "speed", "top speed", "home"]);
     for (j, home) in robot.joints().iter().zip(robot.home()) {
-        let end = |v: f64| if v.is_finite() { fixed(v, 3) } else { "-".to_owned() };
+        // Rounded inwards, so that what is shown can be typed.
+        let end = |v: f64, shown: f64| {
+            if v.is_finite() { fixed(shown / 1e3, 3) } else { "-".to_owned() }
+        };
+        let [low, high] = j.range;
         t.add_row([
             j.name.clone(),
             j.unit.symbol().to_owned(),
-            end(j.range[0]),
-            end(j.range[1]),
+            end(low, (low * 1e3 - 1e-6).ceil()),
+            end(high, (high * 1e3 + 1e-6).floor()),
             format!("{:.3}", j.speed_limit),
             format!("{:.3}", j.top_speed),
             fixed(home, 3),

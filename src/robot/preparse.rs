@@ -308,6 +308,18 @@ pub(super) fn resolve(dir: &Path, written: &str, root: &Path) -> Result<PathBuf,
     Ok(real)
 }
 
+/// The same reference with the name of a file that differs in upper and lower case only, if there is
+/// exactly one. Only for references that are allowed, see [`Unresolved::Missing`].
+pub(super) fn in_other_case(dir: &Path, written: &str) -> Option<String> {
+    let path = dir.join(written.replace('\\', "/"));
+    let name = path.file_name()?.to_str()?;
+    let there = std::fs::read_dir(path.parent()?).ok()?.take(limits::PROJECT_FILES).flatten();
+    let names = there.filter_map(|entry| entry.file_name().into_string().ok());
+    let mut alike = names.filter(|other| other.eq_ignore_ascii_case(name));
+    let found = alike.next().filter(|_| alike.next().is_none())?;
+    Some(format!("{}{found}", written.strip_suffix(name)?))
+}
+
 /// Attributes that set a size, with their limits.
 const SIZES: &[(&str, &str, u64)] = &[
     ("size", "nstack", 20_000_000),

@@ -22,6 +22,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::jam;
 use super::run::Rollout;
 use super::spline;
 use super::window::{Goals, HISTORY};
@@ -278,18 +279,33 @@ pub(super) fn cubic_error(goals: &Goals, history: &[f64], truth: &[f64]) -> Opti
     (n > 0).then(|| sum / n as f64)
 }
 
-/// Penalty of the motion inside gaps, rad or m: for overshoot, long paths and jerk.
+/// Penalty of the motion inside gaps and of a missed frame, rad or m; see [`penalty`].
 pub(super) fn unnatural(rollout: &Rollout) -> f64 {
     penalty(rollout.goals(), rollout.states())
 }
 
-/// As [`unnatural`], of `states` up to any frame; (30 + frames, S).
+/// Penalty of a motion, rad or m: for overshoot, long paths and jerk in gaps, and for the frame that is
+/// missed most; `states` is (30 + frames, S), up to any frame. In the mean over frames a key of one frame
+/// hardly counts, but a person sees that it is missed, as well as an overshoot by as much.
 pub(super) fn penalty(goals: &Goals, states: &[f64]) -> f64 {
     let gap = GapFigures::measure(goals, states, &names(goals)).unwrap_or_default();
     let swing = gap.overshoot.map_or(0.0, |o| o.value);
     let detour = gap.path.map_or(0.0, |p| (p - LONGEST_PATH).max(0.0));
     let jolts = gap.jerk.map_or(0.0, |j| (j - MOST_JERK).max(0.0));
-    SWING_WEIGHT * swing + PATH_WEIGHT * detour + JERK_WEIGHT * jolts
+    let missed = (farthest(goals, states) - jam::FAR).max(0.0);
+    SWING_WEIGHT * (swing + missed) + PATH_WEIGHT * detour + JERK_WEIGHT * jolts
+}
+
+/// The error of the frame that is farthest from its goals, in the mean over its joints, rad or m.
+fn farthest(goals: &Goals, states: &[f64]) -> f64 {
+    let d = goals.dim();
+    let reached = &states[HISTORY * d..];
+    let error = |f: usize| {
+        let seen = || (0..d).filter(|&j| goals.is_visible(f, j));
+        let sum: f64 = seen().map(|j| (reached[f * d + j] - goals.row(f)[j]).abs()).sum();
+        sum / seen().count().max(1) as f64
+    };
+    (1..goals.frames().min(reached.len() / d)).map(error).fold(0.0, f64::max)
 }
 
 /// The part of a penalty that counts beside the distance to the goals.

@@ -29,6 +29,8 @@ pub struct ImportConfig {
     pub weld: Vec<String>,
     /// Bodies to leave out, with everything that refers to them (MJCF).
     pub without: Vec<String>,
+    /// Leave out meshes whose files are missing, also those that collide (URDF).
+    pub without_meshes: bool,
     /// The treatment of position and velocity servos.
     pub servos: Servos,
     /// The treatment of joints whose source does not describe the drive.
@@ -56,6 +58,7 @@ impl ImportConfig {
             effort: None,
             weld: Vec::new(),
             without: Vec::new(),
+            without_meshes: false,
             servos: Servos::default(),
             drives: Drives::default(),
             checker: checker.into(),

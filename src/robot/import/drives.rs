@@ -35,7 +35,8 @@ const SPEED: [f64; 2] = [2.0, 0.5];
 /// A drive without a speed limit in its source needs at least this time to cross its range,
 /// seconds.
 const CROSSING_SECS: f64 = 0.5;
-/// A speed limit above this is considered a placeholder, rad/s or m/s.
+/// A speed limit above this is considered a placeholder, rad/s or m/s, unless the joint turns without
+/// end: wheels are that fast.
 const PLACEHOLDER: f64 = 40.0;
 /// The number of digits that are written.
 const DIGITS: i32 = 4;
@@ -48,6 +49,8 @@ struct Drive {
     speed: f64,
     /// Whether the source names that speed.
     named: bool,
+    /// The speed in the source that is none.
+    placeholder: Option<f64>,
     torque: f64,
     /// Under full torque, without the drive.
     acceleration: f64,
@@ -108,7 +111,8 @@ fn missing(model: &Model, id: usize, draft: &Draft, named: Option<f64>) -> Optio
     }
     let slides = model.joint_type(id) == Some(Joint::Slide);
     let limited = model.jnt_limited()[id] != 0;
-    let named = named.filter(|v| *v <= PLACEHOLDER);
+    let placeholder = named.filter(|v| *v > PLACEHOLDER && limited);
+    let named = named.filter(|_| placeholder.is_none());
     let guess = if limited {
         let range = model.jnt_range()[2 * id + 1] - model.jnt_range()[2 * id];
         SPEED[usize::from(slides)].min(range / CROSSING_SECS)
@@ -123,6 +127,7 @@ fn missing(model: &Model, id: usize, draft: &Draft, named: Option<f64>) -> Optio
         damping: digits(damping.max(weaker / speed).max(torque / FREE_SPEED), DIGITS),
         speed,
         named: named.is_some(),
+        placeholder,
         torque: weaker,
         acceleration: torque / model.dof_M0()[dof].max(1e-12),
         file: [if draft.rotors_assumed { 0.0 } else { armature }, damping],
@@ -131,7 +136,10 @@ fn missing(model: &Model, id: usize, draft: &Draft, named: Option<f64>) -> Optio
 
 fn say(draft: &mut Draft, found: &BTreeMap<String, Drive>) {
     let line = |(name, d): (&String, &Drive)| {
-        let from = if d.named { "as the file says" } else { "assumed" };
+        let from = match d.placeholder {
+            Some(speed) => format!("assumed, because {speed} in the file is a placeholder"),
+            None => if d.named { "as the file says" } else { "assumed" }.to_owned(),
+        };
         let instead = |file: f64, now: f64| {
             let raised = file > 0.0 && file < now;
             if raised { format!(" instead of {file}") } else { String::new() }

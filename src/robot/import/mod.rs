@@ -136,6 +136,9 @@ fn mark_of(project: &preparse::Project, draft: &Draft, config: &ImportConfig) ->
     ];
     parts.extend(config.weld.iter().map(|joint| format!("weld {joint}")));
     parts.extend(config.without.iter().map(|body| format!("without {body}")));
+    if config.without_meshes {
+        parts.push("without missing meshes".to_owned());
+    }
     for (name, bytes) in &draft.assets {
         parts.push(format!("file {name} {}", fsio::sha256_hex(bytes)));
     }

@@ -26,10 +26,16 @@ const NAMED: usize = 4;
 /// # Errors
 /// [`Error::Simulator`].
 pub(super) fn check(draft: &mut Draft, model: &Arc<Model>) -> Result<(), Error> {
+    if (0..model.ngeom()).all(|g| model.geom_bodyid()[g] == 0) {
+        draft.warnings.push(
+            "the robot has no shapes: pictures show nothing of it, and nothing touches it"
+                .to_owned(),
+        );
+    }
     let loads = loads(model)?;
     let most = |slides: bool| {
         let like = |j: &usize| (model.joint_type(*j) == Some(Joint::Slide)) == slides;
-        (0..loads.len()).filter(like).map(|j| loads[j].without_rotor().effort()).fold(0.0, f64::max)
+        (0..loads.len()).filter(like).map(|j| loads[j].without_drive().effort()).fold(0.0, f64::max)
     };
     let most = [most(false), most(true)];
     let (mut weak, mut absurd) = (Vec::new(), Vec::new());
@@ -98,17 +104,19 @@ pub(super) struct Load {
     pub(super) inertia: f64,
     /// The part of it that the motor's rotor has.
     rotor: f64,
+    /// Dry friction, and damping at a rad/s or m/s, N m or N.
+    friction: f64,
 }
 
 impl Load {
     /// A force limit that carries and moves the joint, N m or N.
     pub(super) fn effort(&self) -> f64 {
         let weight = self.weights.iter().copied().fold(0.0, f64::max);
-        (RESERVE * weight).max(ACCELERATION * self.inertia)
+        (RESERVE * weight).max(ACCELERATION * self.inertia) + self.friction
     }
 
-    fn without_rotor(&self) -> Load {
-        Load { inertia: self.inertia - self.rotor, rotor: 0.0, ..self.clone() }
+    fn without_drive(&self) -> Load {
+        Load { inertia: self.inertia - self.rotor, rotor: 0.0, friction: 0.0, ..self.clone() }
     }
 }
 
@@ -137,6 +145,7 @@ pub(super) fn loads(model: &Model) -> Result<Vec<Load>, Error> {
             load.weights.push((data.qfrc_bias()[dof] - data.qfrc_passive()[dof]).abs());
             load.inertia = load.inertia.max(mass[dof * model.nv() + dof]);
             load.rotor = model.dof_armature()[dof];
+            load.friction = model.dof_frictionloss()[dof] + model.dof_damping()[dof];
         }
     }
     Ok(loads)

@@ -48,8 +48,8 @@ struct Tree<'a> {
     painted: BTreeMap<PathBuf, Painted>,
     /// Folders of packages that the user did not name.
     found: BTreeMap<String, PathBuf>,
-    /// Files that could not be used, with the reason; each is reported once.
-    unusable: BTreeSet<String>,
+    /// What was said of files; each is reported once.
+    said: BTreeSet<String>,
     draft: Draft,
     body: String,
     motors: String,
@@ -81,7 +81,7 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
         meshes: BTreeMap::new(),
         painted: BTreeMap::new(),
         found: packages::find(&doc, path, &config.packages),
-        unusable: BTreeSet::new(),
+        said: BTreeSet::new(),
         draft: Draft { title: robot.name.clone(), rotors_assumed: true, ..Draft::default() },
         body: String::new(),
         motors: String::new(),
@@ -215,7 +215,10 @@ fn reach<'a>(robot: &'a Description, root: &'a str) -> BTreeSet<&'a str> {
 fn check_joint(j: &Joint) -> Result<(), String> {
     let l = &j.limit;
     let dynamics = j.dynamics.as_ref().map_or([0.0; 2], |d| [d.damping, d.friction]);
-    let mut all = vec![l.lower, l.upper, l.effort, l.velocity];
+    let mut all = vec![l.effort, l.velocity];
+    // A continuous joint has no stops, whatever its limits say.
+    let stops = j.joint_type != JointType::Continuous;
+    all.extend([l.lower, l.upper].into_iter().filter(|_| stops));
     all.extend(dynamics);
     all.extend(j.axis);
     all.extend(j.origin.xyz);
@@ -223,17 +226,23 @@ fn check_joint(j: &Joint) -> Result<(), String> {
     if let Some(v) = all.iter().find(|v| !v.is_finite() || v.abs() > 1e9) {
         return Err(format!("joint \"{}\" holds {v}, beyond any physical joint", j.name));
     }
-    if l.lower > l.upper {
+    if stops && l.lower > l.upper {
         return Err(format!(
             "joint \"{}\": lower limit {} is above upper limit {}",
             j.name, l.lower, l.upper
         ));
     }
-    if l.effort < 0.0 || l.velocity < 0.0 || dynamics.iter().any(|v| *v < 0.0) {
-        return Err(format!(
-            "joint \"{}\": effort, velocity, damping and friction are not negative",
-            j.name
-        ));
+    let [damping, friction] = dynamics;
+    let signs = [
+        ("effort", l.effort),
+        ("velocity", l.velocity),
+        ("damping", damping),
+        ("friction", friction),
+    ];
+    // Some tools write -1 where there is no limit.
+    let absent = |name: &str, v: f64| v == -1.0 && ["effort", "velocity"].contains(&name);
+    if let Some((name, v)) = signs.into_iter().find(|(name, v)| *v < 0.0 && !absent(name, *v)) {
+        return Err(format!("joint \"{}\": {name} {v} is negative", j.name));
     }
     let moves = !matches!(j.joint_type, JointType::Fixed | JointType::Floating);
     if moves && j.axis.iter().map(|v| v * v).sum::<f64>() < 1e-12 {
@@ -609,12 +618,19 @@ impl<'a> Tree<'a> {
         let file = match self.locate(filename)? {
             Ok(file) => file,
             // Motion does not depend on what is only drawn.
-            Err(why) if what == "visual" => {
+            Err(why) if what == "visual" || self.config.without_meshes => {
                 self.leave_out(filename, link, what, &why);
                 return Ok(Vec::new());
             }
-            Err(why) => return Err(self.refuse_mesh(filename, &why)),
+            Err(why) => {
+                let way = "find the file, or leave out what is missing: --without-meshes";
+                return Err(self.refuse_mesh(filename, &format!("{why}; {way}")));
+            }
         };
+        let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        if !filename.ends_with(&name) && self.said.insert(format!("{filename} case")) {
+            self.draft.assumed.push(format!("mesh \"{filename}\" is the file {name}"));
+        }
         mesh::check_file(&file).map_err(|m| self.refuse_mesh(filename, &m))?;
         let files = if mesh::extension(&file) == "dae" {
             match self.collada(&file)? {
@@ -641,7 +657,7 @@ impl<'a> Tree<'a> {
 
     /// Reports once that a mesh is missing in the result.
     fn leave_out(&mut self, filename: &str, link: &str, what: &str, why: &str) {
-        if self.unusable.insert(format!("{filename} {what}")) {
+        if self.said.insert(format!("{filename} {what}")) {
             self.draft
                 .dropped
                 .push(format!("{what} mesh \"{filename}\" of link \"{link}\": {why}"));
@@ -680,6 +696,16 @@ impl<'a> Tree<'a> {
     /// there is none.
     fn locate(&self, filename: &str) -> Result<Result<PathBuf, String>, Error> {
         let refuse = |m: String| self.refuse_mesh(filename, &m);
+        let find = |dir: &Path, written: &str, root: &Path| {
+            let other = |why| {
+                let alike = preparse::in_other_case(dir, written);
+                alike.map_or(Err(why), |alike| preparse::resolve(dir, &alike, root))
+            };
+            match preparse::resolve(dir, written, root) {
+                Err(why @ Unresolved::Missing(_)) => other(why),
+                found => found,
+            }
+        };
         let found = |file| match file {
             Ok(file) => Ok(Ok(file)),
             Err(Unresolved::Missing(why)) => Ok(Err(why)),
@@ -692,8 +718,9 @@ impl<'a> Tree<'a> {
             .unwrap_or_else(|| Path::new("."));
         if let Some(("", below)) = packages::split(filename) {
             let root = &self.project.root;
-            let beside = preparse::resolve(dir, below, root);
-            return found(beside.or_else(|m| preparse::resolve(root, below, root).map_err(|_| m)));
+            return found(
+                find(dir, below, root).or_else(|m| find(root, below, root).map_err(|_| m)),
+            );
         }
         if let Some((package, below)) = packages::split(filename) {
             let given = self.config.packages.get(package);
@@ -704,7 +731,10 @@ impl<'a> Tree<'a> {
                     )));
                 }
                 let lies = format!("\"{filename}\" lies in package \"{package}\"");
-                return Err(refuse(match packages::guess(self.path(), package, below) {
+                if self.config.without_meshes {
+                    return Ok(Err(lies));
+                }
+                let said = match packages::guess(self.path(), package, below) {
                     Some(near) if !near.has_file => format!(
                         "{lies}, and {} has no \"{below}\"; name the folder that has it: --package {package}=DIR",
                         near.folder.display()
@@ -714,12 +744,15 @@ impl<'a> Tree<'a> {
                         let near = near.display();
                         format!("{lies}; say where that is: --package {package}={near}")
                     }
-                }));
+                };
+                return Err(refuse(format!(
+                    "{said}, or leave out what is missing: --without-meshes"
+                )));
             };
             let real = root.canonicalize().map_err(|e| {
                 refuse(format!("package \"{package}\" is not at {}: {e}", root.display()))
             })?;
-            return found(preparse::resolve(&real, below, &real));
+            return found(find(&real, below, &real));
         }
         if filename.contains("://") && !filename.starts_with("file://") {
             return Err(refuse(format!(
@@ -727,7 +760,7 @@ impl<'a> Tree<'a> {
             )));
         }
         let plain = filename.strip_prefix("file://").unwrap_or(filename);
-        found(preparse::resolve(dir, plain, &self.project.root))
+        found(find(dir, plain, &self.project.root))
     }
 
     fn finish(mut self) -> Result<Draft, Error> {
