@@ -175,7 +175,12 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
             ..TrainConfig::preset("instant")?
         };
         let choice = match evaluator(&robot, threads)? {
-            Some(mut judge) => penalty::choose(&data, &usual, threads, &mut judge, &cancel)?,
+            Some(mut judge) => {
+                let bar = Bar::new("fit", "parts", global.quiet);
+                let choice = penalty::choose(&data, &usual, threads, &mut judge, &bar, &cancel);
+                bar.finish();
+                choice?
+            }
             None => Choice::default(),
         };
         let cfg = choice.on(usual);

@@ -400,6 +400,26 @@ mod tests {
     }
 
     #[test]
+    fn a_missed_key_counts_like_an_overshoot() {
+        let seen = &[Some(1.0), Some(0.0), None][..];
+        let goals = goals(3, 40, &[(0, &[Some(0.0); 3]), (20, seen), (39, seen)]);
+        // Of two keyed joints one is .4 off at one key; the third is free.
+        let mut all = vec![0.0; (HISTORY + 40) * 3];
+        for f in 0..40 {
+            let way = least((f as f64 / 20.0).min(1.0));
+            all[(HISTORY + f) * 3] = if f == 20 { 0.6 } else { way };
+            all[(HISTORY + f) * 3 + 2] = 2.0;
+        }
+        assert!((farthest(&goals, &all) - 0.2).abs() < 1e-9);
+        let missed = SWING_WEIGHT * (0.2 - jam::FAR);
+        let shaken = JERK_WEIGHT * 1e3;
+        let found = penalty(&goals, &all);
+        assert!((missed..missed + shaken).contains(&found), "{found}");
+        // Before the key nothing is missed.
+        assert!(farthest(&goals, &all[..(HISTORY + 20) * 3]) < 1e-9);
+    }
+
+    #[test]
     fn a_jolt_on_the_way_counts_and_so_does_a_wobble() {
         // At constant speed there is no jerk inside.
         let ramp: Vec<f64> = (0..30).map(|f| (f as f64 / 20.0).min(1.0)).collect();

@@ -9,7 +9,7 @@
 use super::prepare::{Side, assemble, ridge_config, tokeniser};
 use super::pressing::Pressing;
 use super::{Error, Evaluate, TrainConfig};
-use robert_base::progress::Cancel;
+use robert_base::progress::{Cancel, Progress};
 use robert_dataset::{Dataset, Part};
 use robert_net::encode::Encoder;
 use robert_net::ridge::Ridge;
@@ -19,6 +19,8 @@ use robert_net::{Model, SkipKind};
 const CANDIDATES: [f64; 4] = [1e-6, 1e-3, 1e-2, 5e-2];
 /// Another fit is chosen if its error is below this share of the usual one's.
 const WORTH: f64 = 0.9;
+/// The parts of the progress that a fit of all candidates counts as.
+const FIT: usize = 3;
 /// The share of frames that press from which fits without them are tried.
 const SEVERAL: f64 = 0.01;
 
@@ -48,6 +50,7 @@ pub fn choose(
     cfg: &TrainConfig,
     threads: usize,
     evaluator: &mut dyn Evaluate,
+    progress: &dyn Progress,
     cancel: &Cancel,
 ) -> Result<Choice, Error> {
     if cfg.skip == SkipKind::Off {
@@ -62,7 +65,11 @@ pub fn choose(
         sides.push((Side::new(data, Part::Train, cfg.seed).without(pressing), true));
     }
     let mut best = (Choice::default(), f64::INFINITY);
+    // A fit of all candidates takes about as long as performing the clips with a few of them.
+    let (mut done, total) = (0, (sides.len() * (FIT + penalties.len())) as u64);
     for (side, leave_pressing) in sides {
+        progress.tick(done, total, if leave_pressing { "without frames that press" } else { "" });
+        done += FIT as u64;
         let ridges = Ridge::fit_each(&tokens, &side, &fit, &penalties, threads, cancel)?;
         // Without frames that press, the reach is another one, too.
         let (card, net, encoder) = assemble(&side, cfg, None, threads)?;
@@ -70,6 +77,12 @@ pub fn choose(
         let penalties = [None].into_iter().chain(CANDIDATES.map(Some));
         for (ridge_penalty, ridge) in penalties.zip(ridges) {
             let choice = Choice { ridge_penalty, leave_pressing };
+            progress.tick(
+                done,
+                total,
+                &format!("penalty {}", ridge_penalty.unwrap_or(fit.lambda_per_sample)),
+            );
+            done += 1;
             model.encoder = Encoder::new(model.encoder.tokens, Some(ridge))?;
             let found = evaluator
                 .evaluate_linear(&model, cancel)
@@ -94,6 +107,7 @@ mod tests {
     use super::*;
     use crate::Evaluation;
     use crate::tests::untrained;
+    use robert_base::progress::Silent;
     use robert_net::reach::Reach;
     use std::collections::BTreeMap;
 
@@ -140,7 +154,7 @@ mod tests {
         let cfg = TrainConfig::preset("instant").unwrap();
         for likes_small in [true, false] {
             let mut judge = Judge { likes_small, seen: Vec::new(), reaches: Vec::new() };
-            let found = choose(&data, &cfg, 2, &mut judge, &Cancel::default()).unwrap();
+            let found = choose(&data, &cfg, 2, &mut judge, &Silent, &Cancel::default()).unwrap();
             // With all frames, then without those at the walls.
             assert_eq!(judge.seen.len(), 10);
             for seen in judge.seen.chunks(5) {
@@ -154,7 +168,7 @@ mod tests {
             let ridge_penalty = likes_small.then_some(CANDIDATES[3]);
             assert_eq!(found, Choice { ridge_penalty, leave_pressing: false });
         }
-        let stopped = choose(&data, &cfg, 2, &mut Stopper, &Cancel::default());
+        let stopped = choose(&data, &cfg, 2, &mut Stopper, &Silent, &Cancel::default());
         assert!(matches!(stopped, Err(Error::Net(robert_net::Error::Stopped))), "{stopped:?}");
     }
 }

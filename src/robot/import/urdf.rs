@@ -719,7 +719,7 @@ impl<'a> Tree<'a> {
         if let Some(("", below)) = packages::split(filename) {
             let root = &self.project.root;
             return found(
-                find(dir, below, root).or_else(|m| find(root, below, root).map_err(|_| m)),
+                find(dir, below, root).or_else(|m| find(root, below, root).map_err(|_second| m)),
             );
         }
         if let Some((package, below)) = packages::split(filename) {

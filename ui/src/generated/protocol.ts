@@ -2191,8 +2191,8 @@ export interface Trial {
   /** Why it failed. */
   error?: string;
   /**
-   * Penalty of its motion inside gaps, rad or m: for overshoot, long paths and jerk. 0 if the
-   * motion is within the limits.
+   * Penalty of its motion, rad or m: for overshoot, long paths and jerk in gaps, and for a missed
+   * frame. 0 if the motion is within the limits.
    */
   gaps: number;
   /** The policy, as in `PolicyConfig::label`. */
