@@ -110,7 +110,7 @@ fn limits_that_say_nothing_are_taken_as_such() {
         .succeeds();
     // A wheel may be fast, and its motor is given by hand.
     let assumed = notes(&ran.json(), "assumed");
-    assert!(assumed.contains("spent at 111.000, as the file says"), "{assumed}");
+    assert!(assumed.contains("spent at 20.000, the file allows 111"), "{assumed}");
     let stopped = urdf.replace("type=\"continuous\"", "type=\"revolute\"").replace("1e16", "1");
     let ran = robert()
         .file("g.urdf", stopped)
@@ -167,8 +167,8 @@ fn limits_that_no_joint_needs_are_called_placeholders() {
         notes(&ran.json(), "warnings")
     };
     let said = warned("10000");
-    assert!(said.contains("1 of 2 motors have limits that no joint of this robot"), "{said}");
-    assert!(said.contains("\"turn\" needs") && said.contains("has 10000"), "{said}");
+    assert!(said.contains("1 of 2 motors have more than 100 times the force"), "{said}");
+    assert!(said.contains("\"turn\" has 10000 for "), "{said}");
     assert!(!warned("100").contains("placeholders"));
 }
 
@@ -633,6 +633,23 @@ fn addresses_without_a_package_and_shapes_without_size_are_read() {
         .args(["import", "g.urdf", "--out", "bot", "--without-meshes", "--json"])
         .succeeds();
     assert!(notes(&ran.json(), "dropped").contains("collision mesh \"no.STL\" of link \"arm\""));
+    // A link that only a missing mesh would give its weight moves all the same.
+    let weightless = gone
+        .replace("<cylinder radius=\".05\" length=\".4\"/>", "<mesh filename=\"no.STL\"/>")
+        .replace("<mass value=\"1.5\"/>", "<mass value=\"0\"/>");
+    assert_ne!(weightless, gone);
+    let ran = robert()
+        .file("g.urdf", weightless)
+        .args(["import", "g.urdf", "--out", "bot", "--without-meshes", "--json"])
+        .succeeds();
+    assert!(notes(&ran.json(), "assumed").contains("link \"arm\" has no inertia"));
+    let mjcf = "<mujoco><worldbody><body><joint/><geom size=\".1\"/></body></worldbody></mujoco>";
+    let said = robert()
+        .file("m.xml", mjcf)
+        .args(["import", "m.xml", "--out", "bot", "--without-meshes"])
+        .fails(3)
+        .stderr;
+    assert!(said.contains("--without-meshes: only meshes of a URDF are left out"), "{said}");
     // A name that differs in upper and lower case only is found, as on other systems.
     let ran = robert()
         .file(

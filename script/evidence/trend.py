@@ -96,6 +96,6 @@ def fit(found):
 
     def spread(x):
         error = rest / free * (1 / len(xs) + (math.log10(x) - middle) ** 2 / around)
-        return STUDENT[free - 1] * error**0.5
+        return STUDENT[min(free, len(STUDENT)) - 1] * error**0.5
 
     return line, spread

@@ -152,18 +152,17 @@ fn show(robot: &str, json: bool, toml: bool) -> Outcome {
     let mut t = out::table(&["joint", "unit", "from", "to", "speed", "top speed", "home"]);
     for (j, home) in robot.joints().iter().zip(robot.home()) {
         // Rounded inwards, so that what is shown can be typed.
-        let end = |v: f64, shown: f64| {
-            if v.is_finite() { fixed(shown / 1e3, 3) } else { "-".to_owned() }
-        };
         let [low, high] = j.range;
+        let (from, to) = ((low * 1e3 - 1e-6).ceil() / 1e3, (high * 1e3 + 1e-6).floor() / 1e3);
+        let end = |v: f64| if v.is_finite() { fixed(v, 3) } else { "-".to_owned() };
         t.add_row([
             j.name.clone(),
             j.unit.symbol().to_owned(),
-            end(low, (low * 1e3 - 1e-6).ceil()),
-            end(high, (high * 1e3 + 1e-6).floor()),
+            end(from),
+            end(to),
             format!("{:.3}", j.speed_limit),
             format!("{:.3}", j.top_speed),
-            fixed(home, 3),
+            fixed(((home * 1e3).round() / 1e3).max(from).min(to), 3),
         ]);
     }
     out::line(&t.to_string())?;

@@ -309,12 +309,18 @@ pub(super) fn resolve(dir: &Path, written: &str, root: &Path) -> Result<PathBuf,
 }
 
 /// The same reference with the name of a file that differs in upper and lower case only, if there is
-/// exactly one. Only for references that are allowed, see [`Unresolved::Missing`].
-pub(super) fn in_other_case(dir: &Path, written: &str) -> Option<String> {
+/// exactly one in the folder inside `root`, and the folder is not too large.
+pub(super) fn in_other_case(dir: &Path, written: &str, root: &Path) -> Option<String> {
     let path = dir.join(written.replace('\\', "/"));
     let name = path.file_name()?.to_str()?;
-    let there = std::fs::read_dir(path.parent()?).ok()?.take(limits::PROJECT_FILES).flatten();
-    let names = there.filter_map(|entry| entry.file_name().into_string().ok());
+    // A link may lead outside.
+    let folder = path.parent()?.canonicalize().ok().filter(|folder| folder.starts_with(root))?;
+    let there: Vec<_> =
+        std::fs::read_dir(folder).ok()?.take(limits::PROJECT_FILES + 1).flatten().collect();
+    if there.len() > limits::PROJECT_FILES {
+        return None;
+    }
+    let names = there.iter().filter_map(|entry| entry.file_name().into_string().ok());
     let mut alike = names.filter(|other| other.eq_ignore_ascii_case(name));
     let found = alike.next().filter(|_| alike.next().is_none())?;
     Some(format!("{}{found}", written.strip_suffix(name)?))

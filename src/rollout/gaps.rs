@@ -411,10 +411,13 @@ mod tests {
             all[(HISTORY + f) * 3 + 2] = 2.0;
         }
         assert!((farthest(&goals, &all) - 0.2).abs() < 1e-9);
+        let gaps = GapFigures::measure(&goals, &all, &names(&goals)).unwrap();
+        let detour = gaps.path.map_or(0.0, |p| (p - LONGEST_PATH).max(0.0));
+        let jolts = gaps.jerk.map_or(0.0, |j| (j - MOST_JERK).max(0.0));
+        let swing = gaps.overshoot.map_or(0.0, |o| o.value);
+        let other = SWING_WEIGHT * swing + PATH_WEIGHT * detour + JERK_WEIGHT * jolts;
         let missed = SWING_WEIGHT * (0.2 - jam::FAR);
-        let shaken = JERK_WEIGHT * 1e3;
-        let found = penalty(&goals, &all);
-        assert!((missed..missed + shaken).contains(&found), "{found}");
+        assert!((penalty(&goals, &all) - other - missed).abs() < 1e-12);
         // Before the key nothing is missed.
         assert!(farthest(&goals, &all[..(HISTORY + 20) * 3]) < 1e-9);
     }

@@ -1,6 +1,6 @@
 //! What decides between two motions of a clip.
 //!
-//! Usually the smaller sum of Precision and the penalty for unnatural motion in gaps. A finger that
+//! Usually the smaller sum of Precision and the penalty for unnatural motion in gaps and a missed frame. A finger that
 //! stays behind another one for a second adds little to the mean over all joints and frames, but a
 //! person sees it at once. A strict judge gives the errors of joints that jam more weight, as long as
 //! the usual sum stays nearly as small.

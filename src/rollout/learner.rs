@@ -27,8 +27,8 @@ const STRICT: usize = 2;
 /// The score from which a planner performs the clip although every joint arrives, rad or m: smaller errors
 /// cannot be seen.
 pub(super) const SEEN: f64 = 0.001;
-/// The penalty for unnatural motion in gaps from which a planner performs the clip as well, rad or m: for
-/// instance a mean jerk of 3.1.
+/// The penalty for unnatural motion in gaps and for a missed frame from which a planner performs the clip
+/// as well, rad or m: for instance a mean jerk of 3.1.
 const UNNATURAL: f64 = 1e-4;
 /// The share of the score that the planner's own motion must gain to be kept. Policies that learned go
 /// first, because they need no model to run.

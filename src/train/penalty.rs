@@ -68,7 +68,11 @@ pub fn choose(
     // A fit of all candidates takes about as long as performing the clips with a few of them.
     let (mut done, total) = (0, (sides.len() * (FIT + penalties.len())) as u64);
     for (side, leave_pressing) in sides {
-        progress.tick(done, total, if leave_pressing { "without frames that press" } else { "" });
+        progress.tick(
+            done,
+            total,
+            if leave_pressing { "without frames that press" } else { "all frames" },
+        );
         done += FIT as u64;
         let ridges = Ridge::fit_each(&tokens, &side, &fit, &penalties, threads, cancel)?;
         // Without frames that press, the reach is another one, too.

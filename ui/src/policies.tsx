@@ -187,14 +187,16 @@ function Compared() {
           </span>
         </div>
       ))}
-      {rows.some((t) => t.gaps > 0) ? <p class="swings">+: swings or jerks between the goals</p> : null}
+      {rows.some((t) => t.gaps > 0) ? (
+        <p class="swings">+: swings or jerks between the goals, or misses a frame</p>
+      ) : null}
     </div>
   );
 }
 
 const gapsInWords = (t: Trial): string =>
   t.gaps > 0
-    ? `its motion between the goals swings or jerks; that counts as ${store.shownError(t.gaps, store.unit.value)}`
+    ? `its motion between the goals swings or jerks, or it misses a frame; that counts as ${store.shownError(t.gaps, store.unit.value)}`
     : "its motion between the goals is calm";
 
 function Cards({ title, list }: { title: string; list: Choice[] }) {

@@ -35,9 +35,10 @@ const SPEED: [f64; 2] = [2.0, 0.5];
 /// A drive without a speed limit in its source needs at least this time to cross its range,
 /// seconds.
 const CROSSING_SECS: f64 = 0.5;
-/// A speed limit above this is considered a placeholder, rad/s or m/s, unless the joint turns without
-/// end: wheels are that fast.
+/// A speed limit above this is considered a placeholder: of joints with stops and of slides, rad/s or
+/// m/s, and of wheels, which are faster.
 const PLACEHOLDER: f64 = 40.0;
+const PLACEHOLDER_OF_WHEEL: f64 = 1000.0;
 /// The number of digits that are written.
 const DIGITS: i32 = 4;
 
@@ -47,8 +48,8 @@ struct Drive {
     damping: f64,
     /// Speed at which the torque is spent.
     speed: f64,
-    /// Whether the source names that speed.
-    named: bool,
+    /// The speed limit in the source, rad/s or m/s.
+    allowed: Option<f64>,
     /// The speed in the source that is none.
     placeholder: Option<f64>,
     torque: f64,
@@ -111,7 +112,8 @@ fn missing(model: &Model, id: usize, draft: &Draft, named: Option<f64>) -> Optio
     }
     let slides = model.joint_type(id) == Some(Joint::Slide);
     let limited = model.jnt_limited()[id] != 0;
-    let placeholder = named.filter(|v| *v > PLACEHOLDER && limited);
+    let fastest = if limited || slides { PLACEHOLDER } else { PLACEHOLDER_OF_WHEEL };
+    let placeholder = named.filter(|v| *v > fastest);
     let named = named.filter(|_| placeholder.is_none());
     let guess = if limited {
         let range = model.jnt_range()[2 * id + 1] - model.jnt_range()[2 * id];
@@ -122,11 +124,12 @@ fn missing(model: &Model, id: usize, draft: &Draft, named: Option<f64>) -> Optio
     let speed = named.unwrap_or(guess);
     // A drive for the stronger direction would leave the joint hardly any speed in the other one.
     let weaker = weaker_torque(model, id).unwrap_or(torque);
+    let damping_of_drive = digits(damping.max(weaker / speed).max(torque / FREE_SPEED), DIGITS);
     Some(Drive {
         armature: digits(armature.max(ROTOR * weaker), DIGITS),
-        damping: digits(damping.max(weaker / speed).max(torque / FREE_SPEED), DIGITS),
-        speed,
-        named: named.is_some(),
+        damping: damping_of_drive,
+        speed: weaker / damping_of_drive,
+        allowed: named,
         placeholder,
         torque: weaker,
         acceleration: torque / model.dof_M0()[dof].max(1e-12),
@@ -138,7 +141,13 @@ fn say(draft: &mut Draft, found: &BTreeMap<String, Drive>) {
     let line = |(name, d): (&String, &Drive)| {
         let from = match d.placeholder {
             Some(speed) => format!("assumed, because {speed} in the file is a placeholder"),
-            None => if d.named { "as the file says" } else { "assumed" }.to_owned(),
+            None => match d.allowed {
+                Some(speed) if (speed / d.speed - 1.0).abs() < 0.01 => {
+                    "as the file says".to_owned()
+                }
+                Some(speed) => format!("the file allows {speed}"),
+                None => "assumed".to_owned(),
+            },
         };
         let instead = |file: f64, now: f64| {
             let raised = file > 0.0 && file < now;

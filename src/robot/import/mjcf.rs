@@ -162,6 +162,10 @@ fn plain(
     draft: &mut Draft,
 ) -> Result<String, Error> {
     let path = &project.path;
+    if config.without_meshes {
+        let message = "--without-meshes: only meshes of a URDF are left out".to_owned();
+        return Err(Error::Unfit { message, path: path.clone() });
+    }
     let flat = modern::flatten(project.xml.clone(), path, draft)?;
     let doc = preparse::parse(&flat, path)?;
     let mut edits = Edits::default();

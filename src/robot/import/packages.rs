@@ -40,8 +40,8 @@ pub(super) fn find(
         .collect()
 }
 
-/// A folder above `path` that has the package's name or contains a folder of that name. If there is
-/// none, a folder that has the files under another name.
+/// The folder of a package: one of its name above `path` or beside a folder there that has all files,
+/// any folder above that has all, or one of its name that has some.
 fn folder(path: &Path, package: &str, files: &[&str]) -> Option<PathBuf> {
     if !is_plain(package) || !files.iter().all(|f| is_plain(f)) {
         return None;

@@ -1,4 +1,5 @@
-//! Checks whether the motors fit the robot: strong enough to carry it, and no placeholders.
+//! Checks whether the motors fit the robot: strong enough to carry it, and no placeholders; and whether
+//! the robot has shapes.
 
 use std::sync::Arc;
 
@@ -12,6 +13,8 @@ use robert_mujoco::{Data, Joint, Kind, Model};
 const POSES: usize = 8;
 /// A motor's limit that is this many times what the most loaded joint needs is a placeholder.
 const ABSURD: f64 = 100.0;
+/// A limit below this is none, N m or N: a gripper needs force beyond what carries it.
+const USUAL: f64 = 300.0;
 /// Force limit relative to the greatest weight that a motor carries in some pose.
 const RESERVE: f64 = 2.5;
 /// The acceleration that a motor reaches if it carries no weight, rad/s^2 or m/s^2. The first joint
@@ -20,8 +23,8 @@ const ACCELERATION: f64 = 5.0;
 /// Joints that a warning names.
 const NAMED: usize = 4;
 
-/// Warns of motors that are too weak against gravity in most poses, and of limits far above what any
-/// joint of the robot could need.
+/// Warns of motors that are too weak against gravity in most poses, of limits far above what any joint
+/// of the robot could need, and of a robot without shapes.
 ///
 /// # Errors
 /// [`Error::Simulator`].
@@ -47,7 +50,7 @@ pub(super) fn check(draft: &mut Draft, model: &Arc<Model>) -> Result<(), Error> 
         let most = most[usize::from(model.joint_type(j) == Some(Joint::Slide))];
         if median > limit {
             weak.push(Unfit { joint: j, asked: median, limit });
-        } else if limit > ABSURD * most {
+        } else if limit > (ABSURD * most).max(USUAL) {
             absurd.push(Unfit { joint: j, asked: most, limit });
         }
     }
@@ -63,9 +66,9 @@ pub(super) fn check(draft: &mut Draft, model: &Arc<Model>) -> Result<(), Error> 
     }
     if !absurd.is_empty() {
         draft.warnings.push(format!(
-            "{} of {} motors have limits that no joint of this robot of {mass:.3} kg needs (N m or N): {}; \
-             they may be placeholders, and its drives are modelled in proportion: write the real limits \
-             into the file",
+            "{} of {} motors have more than {ABSURD} times the force with which any joint carries and moves \
+             this robot of {mass:.3} kg (N m or N): {}; if these limits are placeholders, write the real \
+             ones into the file, because a drive that the file leaves out is modelled in proportion",
             absurd.len(),
             model.nu(),
             list(model, absurd)
@@ -88,8 +91,8 @@ fn list(model: &Model, mut unfit: Vec<Unfit>) -> String {
     unfit.sort_by(|a, b| off(b).total_cmp(&off(a)));
     let named = unfit.iter().take(NAMED).map(|u| {
         let name = model.name(Kind::Joint, u.joint).unwrap_or_default();
-        let [asked, limit] = [u.asked, u.limit].map(|x| digits(x, 2));
-        format!("\"{name}\" needs {asked} and has {limit}")
+        let [asked, limit] = [u.asked, u.limit].map(|x| digits(x, 4));
+        format!("\"{name}\" has {limit} for {asked}")
     });
     let more = if unfit.len() > NAMED { ", …" } else { "" };
     named.collect::<Vec<_>>().join(", ") + more

@@ -219,6 +219,7 @@ fn check_joint(j: &Joint) -> Result<(), String> {
     // A continuous joint has no stops, whatever its limits say.
     let stops = j.joint_type != JointType::Continuous;
     all.extend([l.lower, l.upper].into_iter().filter(|_| stops));
+    all.extend(j.mimic.iter().flat_map(|m| [m.multiplier, m.offset]).flatten());
     all.extend(dynamics);
     all.extend(j.axis);
     all.extend(j.origin.xyz);
@@ -371,7 +372,7 @@ impl<'a> Tree<'a> {
     fn inertial(&mut self, link: &Link, moving: bool, pad: &str) {
         let i = &link.inertial;
         if i.mass <= 0.0 {
-            let weighs = link.collision.iter().any(|c| is_read(&c.geometry));
+            let weighs = link.collision.iter().any(|c| self.has_shape(&c.geometry));
             if moving && !weighs {
                 let (mass, inertia) = GHOST;
                 writeln!(
@@ -511,7 +512,11 @@ impl<'a> Tree<'a> {
             self.draft.assumed.push(format!("joint \"{}\" has no end stops: {why}", j.name));
             return None;
         }
-        let wide = self.led(j).map_or(own, |[a, b]| [own[0].min(a), own[1].max(b)]);
+        // What differs by rounding stays.
+        let beyond =
+            |led: f64, own: f64, side: f64| if side * (led - own) > 1e-4 { led } else { own };
+        let wide =
+            self.led(j).map_or(own, |[a, b]| [beyond(a, own[0], -1.0), beyond(b, own[1], 1.0)]);
         if wide != own {
             let [[lower, upper], [low, high]] = [own, wide];
             self.draft.changed.push(format!(
@@ -628,7 +633,11 @@ impl<'a> Tree<'a> {
             }
         };
         let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        if !filename.ends_with(&name) && self.said.insert(format!("{filename} case")) {
+        let otherwise = || {
+            let end = filename.get(filename.len().wrapping_sub(name.len())..);
+            end.is_some_and(|end| end != name && end.eq_ignore_ascii_case(&name))
+        };
+        if otherwise() && self.said.insert(format!("{filename} case")) {
             self.draft.assumed.push(format!("mesh \"{filename}\" is the file {name}"));
         }
         mesh::check_file(&file).map_err(|m| self.refuse_mesh(filename, &m))?;
@@ -653,6 +662,16 @@ impl<'a> Tree<'a> {
                 (format!("type=\"mesh\" mesh=\"{id}\""), rgba)
             })
             .collect())
+    }
+
+    /// Whether a geometry gives a geom: a mesh may be missing.
+    fn has_shape(&self, geometry: &Geometry) -> bool {
+        match geometry {
+            Geometry::Mesh { filename, .. } if self.config.without_meshes => {
+                is_read(geometry) && matches!(self.locate(filename), Ok(Ok(_)))
+            }
+            _ => is_read(geometry),
+        }
     }
 
     /// Reports once that a mesh is missing in the result.
@@ -698,7 +717,7 @@ impl<'a> Tree<'a> {
         let refuse = |m: String| self.refuse_mesh(filename, &m);
         let find = |dir: &Path, written: &str, root: &Path| {
             let other = |why| {
-                let alike = preparse::in_other_case(dir, written);
+                let alike = preparse::in_other_case(dir, written, root);
                 alike.map_or(Err(why), |alike| preparse::resolve(dir, &alike, root))
             };
             match preparse::resolve(dir, written, root) {
@@ -732,7 +751,9 @@ impl<'a> Tree<'a> {
                 }
                 let lies = format!("\"{filename}\" lies in package \"{package}\"");
                 if self.config.without_meshes {
-                    return Ok(Err(lies));
+                    return Ok(Err(format!(
+                        "{lies}, which was not found (--package {package}=DIR)"
+                    )));
                 }
                 let said = match packages::guess(self.path(), package, below) {
                     Some(near) if !near.has_file => format!(
