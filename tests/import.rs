@@ -95,37 +95,16 @@ fn limits_that_say_nothing_are_taken_as_such() {
         "<limit lower=\"-1e16\" upper=\"1e16\" effort=\"-1\" velocity=\"111\"/>",
     );
     assert_ne!(urdf, GRIPPER);
-    let ran = robert()
-        .file("g.urdf", &urdf)
-        .args([
-            "import",
-            "g.urdf",
-            "--out",
-            "bot",
-            "--without-meshes",
-            "--effort",
-            "4000",
-            "--json",
-        ])
-        .succeeds();
+    let import = |urdf: &str| {
+        let more = ["--without-meshes", "--effort", "4000", "--json"];
+        let call = robert().file("g.urdf", urdf).args(["import", "g.urdf", "--out", "bot"]);
+        notes(&call.args(more).succeeds().json(), "assumed")
+    };
     // A wheel may be fast, and its motor is given by hand.
-    let assumed = notes(&ran.json(), "assumed");
+    let assumed = import(&urdf);
     assert!(assumed.contains("spent at 20.000, the file allows 111"), "{assumed}");
     let stopped = urdf.replace("type=\"continuous\"", "type=\"revolute\"").replace("1e16", "1");
-    let ran = robert()
-        .file("g.urdf", stopped)
-        .args([
-            "import",
-            "g.urdf",
-            "--out",
-            "bot",
-            "--without-meshes",
-            "--effort",
-            "4000",
-            "--json",
-        ])
-        .succeeds();
-    let assumed = notes(&ran.json(), "assumed");
+    let assumed = import(&stopped);
     assert!(assumed.contains("because 111 in the file is a placeholder"), "{assumed}");
     let said = robert()
         .file("g.urdf", urdf.replace("effort=\"-1\"", "effort=\"-2\""))

@@ -23,6 +23,7 @@ mod mjcf;
 mod modern;
 mod packages;
 mod plausible;
+mod sound;
 mod unknown;
 mod urdf;
 mod words;
