@@ -12,7 +12,7 @@
 //!
 //! | floor | modules | content |
 //! |---|---|---|
-//! | 0 | [`units`], [`rng`], [`limits`], [`exit`], [`fsio`], [`progress`], [`xml`], [`child`], [`kinematics`] | numbers, files, child processes, trees of bodies |
+//! | 0 | [`units`], [`rng`], [`limits`], [`exit`], [`fsio`], [`scratch`], [`progress`], [`xml`], [`child`], [`kinematics`] | numbers, files, child processes, trees of bodies |
 //! | 1 | [`clip`], [`mujoco`], [`linalg`], [`plot`] | the document, the simulator binding, matrices, charts |
 //! | 2 | [`robot`], [`net`] | the robots, the network |
 //! | 3 | [`dataset`], [`render`], [`gpu`] | recorded trajectories, pictures, training on graphics cards |
@@ -28,7 +28,7 @@
 //! Start reading at [`clip`] (the document that a person edits), then [`rollout`] (how it is
 //! performed), then [`net`] (how the torque is computed).
 
-pub use robert_base::{child, exit, fsio, limits, progress, rng, units, xml};
+pub use robert_base::{child, exit, fsio, limits, progress, rng, scratch, units, xml};
 
 pub use robert_clip as clip;
 pub use robert_dataset as dataset;

@@ -113,8 +113,8 @@ const STALE: Duration = Duration::from_mins(1);
 
 /// Removes temporary files and folders that killed processes have left in `dir`.
 ///
-/// Files that are still being written are kept: a file stays if it is locked or was changed within
-/// the last minute. A folder has no lock, so it stays for a day.
+/// What is still being written is kept: a file stays if it is locked or was changed within the last
+/// minute. Not every folder is locked, so one stays for a day, and longer if it is locked.
 pub fn sweep(dir: &Path) {
     let Ok(entries) = fs::read_dir(dir) else { return };
     for entry in entries.flatten() {
@@ -124,20 +124,19 @@ pub fn sweep(dir: &Path) {
         let path = entry.path();
         let Ok(found) = fs::symlink_metadata(&path) else { continue };
         let age = found.modified().ok().and_then(|t| t.elapsed().ok()).unwrap_or_default();
-        if found.is_dir() && age > 1440 * STALE {
+        let free = |opened: io::Result<File>| {
+            opened.is_ok_and(|f| flock(&f, FlockOperation::NonBlockingLockExclusive).is_ok())
+        };
+        if found.is_dir() && age > 1440 * STALE && free(File::open(&path)) {
             fs::remove_dir_all(&path).ok();
-        } else if found.is_file() && age > STALE {
-            let free = open_regular(&path)
-                .is_ok_and(|f| flock(&f, FlockOperation::NonBlockingLockExclusive).is_ok());
-            if free {
-                fs::remove_file(&path).ok();
-            }
+        } else if found.is_file() && age > STALE && free(open_regular(&path)) {
+            fs::remove_file(&path).ok();
         }
     }
 }
 
 /// Sweeps a folder when this process first writes there.
-fn sweep_once(dir: &Path) {
+pub(crate) fn sweep_once(dir: &Path) {
     static SWEPT: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
     if SWEPT.lock().unwrap_or_else(PoisonError::into_inner).insert(dir.to_owned()) {
         sweep(dir);

@@ -7,5 +7,6 @@ pub mod json;
 pub mod limits;
 pub mod progress;
 pub mod rng;
+pub mod scratch;
 pub mod units;
 pub mod xml;

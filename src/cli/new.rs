@@ -31,6 +31,7 @@ use crate::rollout::{
     Case, EvalConfig, Evaluation, PolicyConfig, PolicyName, Start, Suite, evaluate, model_path,
     shipped, tasks,
 };
+use crate::scratch::Scratch;
 use crate::train::evaluator::SuiteEvaluator;
 use crate::train::penalty::{self, Choice};
 use crate::train::read_config;
@@ -356,8 +357,7 @@ fn teach(
             ..TrainConfig::preset(&args.preset)?
         };
         // A few steps, which are thrown away, measure the speed of this machine.
-        let scratch =
-            tempfile::tempdir().map_err(|e| Failure::with(crate::exit::Exit::Failed, e))?;
+        let scratch = Scratch::new().map_err(|e| Failure::with(crate::exit::Exit::Failed, e))?;
         let probe = TrainConfig { steps: PROBE_STEPS, ..preset.clone() };
         let tried = train(data, &probe, options(scratch.path(), threads, &Silent, cancel, None))?;
         go_on(cancel)?;

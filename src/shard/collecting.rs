@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use robert_base::fsio;
 use robert_base::progress::{Cancel, Progress, Silent};
+use robert_base::scratch::Scratch;
 use robert_dataset::{Dataset, SHORTEST};
 use robert_explore::{CollectConfig, collect};
 use robert_robot::Robot;
@@ -59,7 +60,7 @@ fn try_out(mut config: CollectConfig, robot: &Arc<Robot>) -> Result<(), Error> {
     }
     config.transitions = (config.agents.len() * SHORTEST) as u64;
     config.episode_frames = SHORTEST as u64;
-    let temp = tempfile::tempdir().map_err(write_error(&std::env::temp_dir()))?;
+    let temp = Scratch::new().map_err(write_error(&std::env::temp_dir()))?;
     collect(robot, &config, temp.path(), false, 1, &Silent, &Cancel::default())?;
     Ok(())
 }

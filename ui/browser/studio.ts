@@ -67,6 +67,11 @@ export class Studio {
       });
       child.on("exit", (code) => reject(new Error(`the studio ended with ${code}`)));
     });
+    // A test that waits for a page cannot tell that the studio is gone, nor how it ended.
+    child.on("exit", (code, signal) => {
+      if (!child.killed)
+        console.error(`the studio at ${this.url} ended by itself: ${signal ?? `code ${code}`}`);
+    });
     this.origins.add(new URL(this.url).origin);
   }
 

@@ -13,6 +13,7 @@ use crate::protocol::{Error, Event, Hub, JobKind, JobPhase, JobRequest, JobView}
 use robert_base::child;
 use robert_base::limits;
 use robert_base::progress::{JobEvent, JobProgress};
+use robert_base::scratch::Scratch;
 
 struct Job {
     kind: JobKind,
@@ -46,7 +47,7 @@ pub(crate) struct Extra {
     pub(crate) output: Option<PathBuf>,
     /// Files that the job needs; they are removed with it.
     #[allow(dead_code)] // held, not read
-    pub(crate) scratch: Option<Arc<tempfile::TempDir>>,
+    pub(crate) scratch: Option<Arc<Scratch>>,
 }
 
 /// The time for the last lines of a job that has ended. It is limited, because a child of the job

@@ -10,6 +10,7 @@ use std::sync::Arc;
 use super::{export, formats};
 use crate::jobs::Extra;
 use crate::protocol::{Error, ExportKind, ExportRequest, JobKind, JobRequest, RolloutSettings};
+use robert_base::scratch::Scratch;
 use robert_clip::Clip;
 
 /// The content of an export.
@@ -40,7 +41,7 @@ pub(crate) fn job(
 ) -> Result<(JobRequest, Extra), Error> {
     let Scene { clip, robot, settings, beside } = scene;
     let format = ask.format.as_str();
-    let scratch = Arc::new(tempfile::tempdir().map_err(Error::Server)?);
+    let scratch = Arc::new(Scratch::new().map_err(Error::Server)?);
     let stem = export::stem(clip);
     let source = scratch.path().join(format!("{stem}.clip.json"));
     std::fs::write(&source, clip.to_text()).map_err(Error::Server)?;

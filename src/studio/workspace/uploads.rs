@@ -5,11 +5,12 @@ use std::sync::{Mutex, PoisonError};
 
 use crate::protocol::Error;
 use robert_base::limits;
+use robert_base::scratch::Scratch;
 
 /// The uploaded files of a robot: one folder, removed when the studio ends.
 #[derive(Debug)]
 pub(crate) struct Uploads {
-    dir: tempfile::TempDir,
+    dir: Scratch,
     held: Mutex<(u64, usize)>,
 }
 
@@ -19,7 +20,7 @@ impl Uploads {
     /// # Errors
     /// If the folder cannot be made.
     pub(crate) fn new() -> std::io::Result<Uploads> {
-        Ok(Uploads { dir: tempfile::tempdir()?, held: Mutex::default() })
+        Ok(Uploads { dir: Scratch::new()?, held: Mutex::default() })
     }
 
     /// The folder of the uploads.

@@ -22,6 +22,7 @@ use super::message::{
 };
 use crate::protocol::{Error, WorkerPhase, WorkerState};
 use robert_base::exit::Exit;
+use robert_base::scratch::Scratch;
 
 /// A stopped child that is silent for this long during a question is considered dead.
 const SILENCE: Duration = Duration::from_millis(1500);
@@ -131,7 +132,7 @@ struct Supervisor {
     /// The child is started on demand, and ended after this time without demand.
     rest: Option<Duration>,
     /// The simulator writes its log into the current folder.
-    scratch: tempfile::TempDir,
+    scratch: Scratch,
 }
 
 /// Questions without an answer so far.
@@ -166,7 +167,7 @@ pub(super) fn start(
         memory: Memory::default(),
         history: History::default(),
         rest,
-        scratch: tempfile::tempdir()?,
+        scratch: Scratch::new()?,
     };
     std::thread::Builder::new().name("worker".into()).spawn(move || supervisor.run(&messages))?;
     Ok(inbox)
