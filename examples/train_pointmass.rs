@@ -51,6 +51,7 @@ fn teach(data: &Path, run: &Path) -> Result<(), Failure> {
         evaluator: None,
         perform: None,
         engines: None,
+        linear: None,
         meta: serde_json::Value::Null,
     };
     let done = train(&data, &cfg, options)?;

@@ -33,7 +33,8 @@ use crate::rollout::{
 };
 use crate::scratch::Scratch;
 use crate::train::evaluator::SuiteEvaluator;
-use crate::train::penalty::{self, Choice};
+use crate::train::linear::Linear;
+use crate::train::penalty;
 use crate::train::read_config;
 use crate::train::record::Record;
 use crate::train::{ContactTarget, Evaluate, Options, TrainConfig, train};
@@ -175,18 +176,17 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
             ridge_history: history(&robot),
             ..TrainConfig::preset("instant")?
         };
-        let choice = match evaluator(&robot, threads)? {
+        let (cfg, linear) = match evaluator(&robot, threads)? {
             Some(mut judge) => {
                 let bar = Bar::new("fit", "parts", global.quiet);
-                let choice = penalty::choose(&data, &usual, threads, &mut judge, &bar, &cancel);
+                let chosen = penalty::choose(&data, &usual, threads, &mut judge, &bar, &cancel);
                 bar.finish();
-                choice?
+                chosen?
             }
-            None => Choice::default(),
+            None => (usual, None),
         };
-        let cfg = choice.on(usual);
         let options = options(&places.instant, threads, &Silent, &cancel, None);
-        train(&data, &cfg, options)?;
+        train(&data, &cfg, Options { linear: linear.as_ref(), ..options })?;
         go_on(&cancel)?;
     }
     if !places.model.is_file() {
@@ -342,6 +342,8 @@ fn teach(
     cancel: &Cancel,
     global: Global,
 ) -> Outcome {
+    // The network's skip is the policy that was fitted before.
+    let linear = Linear::of(checkpoint::load(&model_path(&places.instant), None)?);
     let cfg = if places.run.join("config.toml").is_file() {
         read_config(&places.run)?
     } else {
@@ -359,7 +361,8 @@ fn teach(
         // A few steps, which are thrown away, measure the speed of this machine.
         let scratch = Scratch::new().map_err(|e| Failure::with(crate::exit::Exit::Failed, e))?;
         let probe = TrainConfig { steps: PROBE_STEPS, ..preset.clone() };
-        let tried = train(data, &probe, options(scratch.path(), threads, &Silent, cancel, None))?;
+        let options = options(scratch.path(), threads, &Silent, cancel, None);
+        let tried = train(data, &probe, Options { linear: linear.as_ref(), ..options })?;
         go_on(cancel)?;
         let steps = args.minutes * 60.0 * PLANNED * tried.windows_per_sec / preset.batch as f64;
         TrainConfig { steps: (steps as u64).max(50), ..preset }
@@ -368,7 +371,8 @@ fn teach(
     let mut evaluator = evaluator(robot, threads)?;
     let bar = Bar::new("train", "steps", global.quiet);
     let evaluator = evaluator.as_mut().map(|j| j as &mut dyn Evaluate);
-    let done = train(data, &cfg, options(&places.run, threads, &bar, cancel, evaluator));
+    let options = options(&places.run, threads, &bar, cancel, evaluator);
+    let done = train(data, &cfg, Options { linear: linear.as_ref(), ..options });
     bar.finish();
     let done = done?;
     if done.interrupted {
@@ -417,6 +421,7 @@ fn options<'a>(
         evaluator,
         perform: None,
         engines: None,
+        linear: None,
         meta: json!({ "version": env!("CARGO_PKG_VERSION"), "argv": std::env::args().collect::<Vec<_>>() }),
     }
 }

@@ -94,6 +94,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         perform: Some(&mut perform),
         evaluator: evaluator.as_mut().map(|j| j as &mut dyn Evaluate),
         engines: Some(&request),
+        linear: None,
         meta: serde_json::json!({
             "version": env!("CARGO_PKG_VERSION"),
             "argv": std::env::args().collect::<Vec<_>>(),

@@ -282,6 +282,7 @@ fn fit_head(
     cancel: &Cancel,
 ) -> Result<(), Error> {
     const CHUNK: usize = 1024;
+    let history = tokens.config().ridge_history;
     let (s, f, a) = (tokens.state(), tokens.ridge_inputs(), tokens.facts().actions);
     let mut scratch = tokens.scratch();
     let mut visible = vec![true; WINDOW * s];
@@ -304,8 +305,13 @@ fn fit_head(
         }
         let states = &episodes.states(episode)[start * s..(start + WINDOW) * s];
         let actions = &episodes.actions(episode)[start * a..];
-        let posed = pose_window(head, tokens.config().ridge_history + 1, s, &mut rng, &mut visible);
-        tokens.read(states, &visible, &mut scratch);
+        let posed = pose_window(head, history + 1, s, &mut rng, &mut visible);
+        if picky && posed.is_some_and(|frame| episodes.in_contact(episode, start + frame)) {
+            continue;
+        }
+        // The features of a frame depend on the differences before it.
+        let begin = posed.map_or(0, |frame| frame.saturating_sub(history));
+        tokens.read_from(begin, states, &visible, &mut scratch);
         let first = rng.below(WINDOW as u64) as usize;
         let frame = posed.or_else(|| {
             (0..WINDOW)
@@ -348,6 +354,10 @@ fn fit_head(
     Ok(())
 }
 
+/// Rows of the normal equations that are computed at once.
+const TRIANGLE_ROWS: usize = 128;
+
+/// Adds the products of `rows` samples: the lower triangle of xᵀx, and xᵀy.
 fn accumulate(
     xx: &mut [f64],
     xy: &mut [f64],
@@ -357,8 +367,14 @@ fn accumulate(
     f: usize,
     a: usize,
 ) {
+    // The factorisation reads only the triangle below the diagonal: a block of rows ends there.
+    for first in (0..f).step_by(TRIANGLE_ROWS) {
+        let end = (first + TRIANGLE_ROWS).min(f);
+        let out = MatMut::strided(&mut xx[first * f..], end - first, end, f);
+        let left = Mat::strided(&x[first..], rows, end - first, f);
+        gemm(out, Init::Add, left.t(), Mat::strided(x, rows, end, f));
+    }
     let m = Mat::new(x, rows, f);
-    gemm(MatMut::new(xx, f, f), Init::Add, m.t(), m);
     gemm(MatMut::new(xy, f, a), Init::Add, m.t(), Mat::new(y, rows, a));
 }
 

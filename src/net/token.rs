@@ -176,8 +176,6 @@ pub struct Scratch {
     /// Whether any joint of a frame is visible, and frames to the next such frame.
     seen: [bool; WINDOW],
     next: [u8; WINDOW],
-    /// Profile features, (51, P).
-    profile: Vec<f32>,
 }
 
 impl Tokeniser {
@@ -242,6 +240,12 @@ impl Tokeniser {
         &self.cfg
     }
 
+    /// Whether the features of the linear fit are the same as those of `other`, in every window.
+    pub fn same_ridge_features(&self, other: &Tokeniser) -> bool {
+        let cfg = |t: &Tokeniser| (t.cfg.ridge_history, t.cfg.ridge_friction);
+        cfg(self) == cfg(other) && self.facts == other.facts && self.scale_d1 == other.scale_d1
+    }
+
     fn profile_len(&self) -> usize {
         8 * self.stops.len() + 2 * (self.hinges.len() + self.sums.len())
     }
@@ -282,7 +286,6 @@ impl Tokeniser {
             left: vec![0; n],
             seen: [true; WINDOW],
             next: [0; WINDOW],
-            profile: vec![0.0; WINDOW * self.profile_len()],
         }
     }
 
@@ -290,9 +293,21 @@ impl Tokeniser {
     /// current frame must be visible. The other methods then refer to this window, as long as they
     /// get the same `scratch`.
     pub fn read(&self, q: &[f32], visible: &[bool], scratch: &mut Scratch) {
+        self.read_from(0, q, visible, scratch);
+    }
+
+    /// As [`Tokeniser::read`], without the frames before `first`, which must be visible. Then only
+    /// features that do not depend on these frames may be asked for.
+    pub(crate) fn read_from(
+        &self,
+        first: usize,
+        q: &[f32],
+        visible: &[bool],
+        scratch: &mut Scratch,
+    ) {
         let s = self.state();
         for j in 0..s {
-            self.fill_joint(j, q, visible, scratch);
+            self.fill_joint(j, first, q, visible, scratch);
         }
         let mut next = 0_u8;
         for i in (0..WINDOW).rev() {
@@ -304,19 +319,23 @@ impl Tokeniser {
                 (false, n) => n + 1,
             };
         }
-        if self.cfg.profile || self.profile_len() > 0 {
-            self.fill_profile(scratch);
-        }
     }
 
     /// One joint's filled sequence, goal velocity and the velocity after it.
-    fn fill_joint(&self, j: usize, q: &[f32], visible: &[bool], scratch: &mut Scratch) {
+    fn fill_joint(
+        &self,
+        j: usize,
+        first: usize,
+        q: &[f32],
+        visible: &[bool],
+        scratch: &mut Scratch,
+    ) {
         let s = self.state();
         let Scratch { filled, goal, after, left, .. } = scratch;
         // Backwards: the next visible frame and the one after that.
         let mut near: Option<(usize, f32)> = None;
         let mut far: Option<(usize, f32)> = None;
-        for i in (0..WINDOW).rev() {
+        for i in (first..WINDOW).rev() {
             let at = i * s + j;
             left[at] = near.map_or(0, |(n, _)| (n - i) as u8);
             after[at] = match (near, far) {
@@ -331,7 +350,7 @@ impl Tokeniser {
         }
         // Forwards: hidden frames are on the line to the goal, or keep the last value.
         let mut last = near.map_or(0.0, |(_, x)| x);
-        for i in 0..WINDOW {
+        for i in first..WINDOW {
             let at = i * s + j;
             let frames = left[at];
             let here = if visible[at] {
@@ -347,31 +366,24 @@ impl Tokeniser {
         }
     }
 
-    fn fill_profile(&self, scratch: &mut Scratch) {
-        let (s, p) = (self.state(), self.profile_len());
-        for i in 0..WINDOW {
-            let q = &scratch.filled[i * s..(i + 1) * s];
-            let v = &scratch.goal[i * s..(i + 1) * s];
-            let mut to = scratch.profile[i * p..(i + 1) * p].iter_mut();
-            let mut put = |x: f32| {
-                if let Some(to) = to.next() {
-                    *to = x;
-                }
-            };
-            for &(j, lo, hi) in &self.stops {
-                for x in [q[j], q[j] + v[j]] {
-                    put(STOP_SCALE * (x - (hi - STOP_ZONE)).max(0.0));
-                    put(STOP_SCALE * (x - hi).max(0.0));
-                    put(STOP_SCALE * (lo + STOP_ZONE - x).max(0.0));
-                    put(STOP_SCALE * (lo - x).max(0.0));
-                }
+    /// Features of joint stops and hinge angles for one frame; `to` has [`Self::profile_len`] places.
+    fn profile(&self, scratch: &Scratch, frame: usize, to: &mut [f32]) {
+        let s = self.state();
+        let q = &scratch.filled[frame * s..(frame + 1) * s];
+        let v = &scratch.goal[frame * s..(frame + 1) * s];
+        let (stops, angles) = to.split_at_mut(8 * self.stops.len());
+        for (&(j, lo, hi), to) in self.stops.iter().zip(stops.chunks_exact_mut(8)) {
+            for (x, to) in [q[j], q[j] + v[j]].into_iter().zip(to.chunks_exact_mut(4)) {
+                to[0] = STOP_SCALE * (x - (hi - STOP_ZONE)).max(0.0);
+                to[1] = STOP_SCALE * (x - hi).max(0.0);
+                to[2] = STOP_SCALE * (lo + STOP_ZONE - x).max(0.0);
+                to[3] = STOP_SCALE * (lo - x).max(0.0);
             }
-            let angles = self.hinges.iter().map(|&j| q[j]);
-            for angle in angles.chain(self.sums.iter().map(|&(a, b)| q[a] + q[b])) {
-                let (sin, cos) = angle.sin_cos();
-                put(sin);
-                put(cos);
-            }
+        }
+        let single = self.hinges.iter().map(|&j| q[j]);
+        let all = single.chain(self.sums.iter().map(|&(a, b)| q[a] + q[b]));
+        for (angle, to) in all.zip(angles.chunks_exact_mut(2)) {
+            [to[0], to[1]] = angle.sin_cos().into();
         }
     }
 
@@ -414,7 +426,7 @@ impl Tokeniser {
             }
         }
         rest[0] = 1.0;
-        rest[1..=p].copy_from_slice(&scratch.profile[frame * p..(frame + 1) * p]);
+        self.profile(scratch, frame, &mut rest[1..=p]);
         let goal = &scratch.goal[frame * s..(frame + 1) * s];
         for (x, &v) in rest[1 + p..].iter_mut().zip(goal) {
             *x = v / (v.abs() + CREEP);
@@ -491,7 +503,7 @@ impl Tokeniser {
         if self.cfg.kind == TokenKind::Goal && self.cfg.profile {
             let p = self.profile_len();
             let end = to.len();
-            to[end - p..].copy_from_slice(&scratch.profile[frame * p..(frame + 1) * p]);
+            self.profile(scratch, frame, &mut to[end - p..]);
         }
     }
 }

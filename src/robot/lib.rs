@@ -133,6 +133,7 @@ pub struct Robot {
     joints: Vec<StateJoint>,
     actuators: Vec<Actuator>,
     kinematics: OnceLock<Kinematics>,
+    tracking: OnceLock<Vec<Servo>>,
     folder: Option<PathBuf>,
 }
 
@@ -442,6 +443,7 @@ impl Robot {
             .collect();
         let sha256 = fingerprint(&mjcf, &assets);
         let scene = OnceLock::new();
+        let tracking = OnceLock::new();
         let kinematics = OnceLock::new();
         Ok(Robot {
             profile,
@@ -453,6 +455,7 @@ impl Robot {
             joints,
             actuators,
             kinematics,
+            tracking,
             folder,
         })
     }

@@ -75,6 +75,14 @@ impl Robot {
     /// # Errors
     /// [`Error::Simulator`].
     pub fn tracking_servos(&self) -> Result<Vec<Servo>, Error> {
+        if let Some(found) = self.tracking.get() {
+            return Ok(found.clone());
+        }
+        let found = self.find_tracking_servos()?;
+        Ok(self.tracking.get_or_init(|| found).clone())
+    }
+
+    fn find_tracking_servos(&self) -> Result<Vec<Servo>, Error> {
         let damping = self.state_damping();
         let dt = self.model().timestep();
         let substeps = (CTRL_DT / dt).round().max(1.0) as usize;

@@ -8,7 +8,7 @@
 //! than the drive lasts. A stiff hold at 20 Hz would ring on the finger joints, whose time constant
 //! is 6 ms.
 
-use super::{Error, Law, Loops, Robot};
+use super::{Error, Law, Loops, Robot, Transmission};
 use robert_base::units::{CTRL_DT, FPS, SUBSTEPS};
 use robert_mujoco::{Data, Model};
 
@@ -66,10 +66,13 @@ impl Robot {
         data.forward()?;
         let mut drive = Drive::new(self, start, target)?;
         let mut steps = |data: &mut Data, frames: u32| -> Result<(), Error> {
-            for _ in 0..frames as usize * SUBSTEPS {
-                let ctrl = drive.ctrl(self, data)?;
-                data.set_ctrl(&ctrl)?;
-                data.step(1)?;
+            for _ in 0..frames {
+                drive.see(data)?;
+                for _ in 0..SUBSTEPS {
+                    let ctrl = drive.ctrl(self, data)?;
+                    data.set_ctrl(&ctrl)?;
+                    data.step(1)?;
+                }
             }
             Ok(())
         };
@@ -124,6 +127,8 @@ struct Drive {
     laws: Vec<Option<Law>>,
     limit: Vec<[f64; 2]>,
     loops: Option<Loops>,
+    /// What the loops transmit at the last pose that was seen.
+    transmission: Option<Transmission>,
 }
 
 impl Drive {
@@ -137,7 +142,25 @@ impl Drive {
             .map(|(way, joint)| joint.speed_limit.max(way / half) * robot.model().timestep())
             .collect();
         let loops = Loops::of(robot)?;
-        Ok(Drive { target: target.to_vec(), place: start.to_vec(), pace, laws, limit, loops })
+        Ok(Drive {
+            target: target.to_vec(),
+            place: start.to_vec(),
+            pace,
+            laws,
+            limit,
+            loops,
+            transmission: None,
+        })
+    }
+
+    /// Looks at the pose once a frame: it takes a singular value decomposition to know what loops
+    /// transmit, and they transmit nearly the same for the length of a frame.
+    fn see(&mut self, data: &Data) -> Result<(), Error> {
+        self.transmission = match &mut self.loops {
+            Some(loops) => Some(loops.at(data.qpos())?),
+            None => None,
+        };
+        Ok(())
     }
 
     /// The controls whose joint forces are nearest (least squares) to the wanted ones. A position
@@ -160,8 +183,7 @@ impl Drive {
             brake[joint.dofadr] = -settle.kd[i] * v;
             pull[joint.dofadr] = settle.kp[i] * (self.target[i] - q) + brake[joint.dofadr];
         }
-        if let Some(loops) = &mut self.loops {
-            let transmission = loops.at(data.qpos())?;
+        if let Some(transmission) = &self.transmission {
             for torque in [&mut load, &mut pull, &mut brake] {
                 transmission.apply(torque.as_mut_slice());
             }

@@ -58,7 +58,7 @@ pub fn ridge(
     cancel: &Cancel,
 ) -> Result<Fitted, Error> {
     let cfg = TrainConfig { seed, ..TrainConfig::preset("instant")? };
-    let (card, net, encoder) = prepare(data, &cfg, threads, cancel)?;
+    let (card, net, encoder) = prepare(data, &cfg, None, threads, cancel)?;
     checkpoint::save(out, &card, &net, encoder.ridge.as_ref(), None)?;
     let linear = Linear::new(encoder)
         .map_err(|e| Error::Setting { setting: "skip".to_owned(), why: e.to_string() })?;

@@ -12,6 +12,7 @@ mod evaluation;
 pub mod evaluator;
 pub mod fit;
 pub mod hindsight;
+pub mod linear;
 pub mod metrics;
 mod options;
 pub mod paths;

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 use super::hindsight::Perform;
+use super::linear::Linear;
 use super::metrics::{Evaluation, HeldOut};
 use robert_base::progress::{Cancel, Progress};
 use robert_net::{Engines, Model};
@@ -54,6 +55,8 @@ pub struct Options<'a> {
     pub perform: Option<&'a mut dyn Perform>,
     /// Opens the engine that computes the steps; without it the processor does.
     pub engines: Option<&'a dyn Engines>,
+    /// A linear prediction that may be the one that the run would fit.
+    pub linear: Option<&'a Linear>,
     /// Further content of meta.json (version, host, command line).
     pub meta: serde_json::Value,
 }

@@ -6,6 +6,7 @@
 //! spoil the map on some robots, and on others they are merely fast. Only simulation shows what is
 //! best, so the candidates perform the evaluator's clips.
 
+use super::linear::Linear;
 use super::prepare::{Side, assemble, ridge_config, tokeniser};
 use super::pressing::Pressing;
 use super::{Error, Evaluate, TrainConfig};
@@ -26,22 +27,23 @@ const SEVERAL: f64 = 0.01;
 
 /// Settings of the linear prediction that differ from the usual ones.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Choice {
+struct Choice {
     /// Penalty per sample; `None` is the usual one.
-    pub ridge_penalty: Option<f64>,
+    ridge_penalty: Option<f64>,
     /// Whether frames that press are left out.
-    pub leave_pressing: bool,
+    leave_pressing: bool,
 }
 
 impl Choice {
     /// Settings with this choice.
-    pub fn on(self, cfg: TrainConfig) -> TrainConfig {
+    fn on(self, cfg: TrainConfig) -> TrainConfig {
         let Choice { ridge_penalty, leave_pressing } = self;
         TrainConfig { ridge_penalty, leave_pressing, ..cfg }
     }
 }
 
-/// The best choice; the usual settings without a linear prediction.
+/// `cfg` with the best choice, and the linear prediction that was fitted with it; `None` for settings
+/// without one.
 ///
 /// # Errors
 /// [`Error::Net`]; [`Error::Evaluation`] with the evaluator's message.
@@ -52,9 +54,9 @@ pub fn choose(
     evaluator: &mut dyn Evaluate,
     progress: &dyn Progress,
     cancel: &Cancel,
-) -> Result<Choice, Error> {
+) -> Result<(TrainConfig, Option<Linear>), Error> {
     if cfg.skip == SkipKind::Off {
-        return Ok(Choice::default());
+        return Ok((cfg.clone(), None));
     }
     let tokens = tokeniser(data, cfg)?;
     let fit = ridge_config(cfg, &tokens);
@@ -64,7 +66,7 @@ pub fn choose(
     if pressing.share() >= SEVERAL {
         sides.push((Side::new(data, Part::Train, cfg.seed).without(pressing), true));
     }
-    let mut best = (Choice::default(), f64::INFINITY);
+    let mut best = (Choice::default(), f64::INFINITY, None);
     // A fit of all candidates takes about as long as performing the clips with a few of them.
     let (mut done, total) = (0, (sides.len() * (FIT + penalties.len())) as u64);
     for (side, leave_pressing) in sides {
@@ -87,7 +89,7 @@ pub fn choose(
                 &format!("penalty {}", ridge_penalty.unwrap_or(fit.lambda_per_sample)),
             );
             done += 1;
-            model.encoder = Encoder::new(model.encoder.tokens, Some(ridge))?;
+            model.encoder = Encoder::new(model.encoder.tokens, Some(ridge.clone()))?;
             let found = evaluator
                 .evaluate_linear(&model, cancel)
                 .map_err(|why| Error::Evaluation { step: 0, why })?;
@@ -97,19 +99,22 @@ pub fn choose(
             }
             let precision = found.map_or(f64::INFINITY, |e| e.precision);
             if choice == Choice::default() {
-                best.1 = WORTH * precision;
+                best = (choice, WORTH * precision, Some(ridge));
             } else if precision < best.1 {
-                best = (choice, precision);
+                best = (choice, precision, Some(ridge));
             }
         }
     }
-    Ok(best.0)
+    let cfg = best.0.on(cfg.clone());
+    let linear = best.2.map(|ridge| Linear::new(data, &cfg, tokens, ridge));
+    Ok((cfg, linear))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::Evaluation;
+    use crate::prepare::prepare;
     use crate::tests::untrained;
     use robert_base::progress::Silent;
     use robert_net::reach::Reach;
@@ -158,7 +163,8 @@ mod tests {
         let cfg = TrainConfig::preset("instant").unwrap();
         for likes_small in [true, false] {
             let mut judge = Judge { likes_small, seen: Vec::new(), reaches: Vec::new() };
-            let found = choose(&data, &cfg, 2, &mut judge, &Silent, &Cancel::default()).unwrap();
+            let (found, linear) =
+                choose(&data, &cfg, 2, &mut judge, &Silent, &Cancel::default()).unwrap();
             // With all frames, then without those at the walls.
             assert_eq!(judge.seen.len(), 10);
             for seen in judge.seen.chunks(5) {
@@ -170,7 +176,12 @@ mod tests {
             }
             assert_ne!(judge.reaches[0], judge.reaches[5]);
             let ridge_penalty = likes_small.then_some(CANDIDATES[3]);
-            assert_eq!(found, Choice { ridge_penalty, leave_pressing: false });
+            assert_eq!(found, Choice { ridge_penalty, leave_pressing: false }.on(cfg.clone()));
+            // What was fitted for the choice is what a fit with it gives.
+            let tokens = tokeniser(&data, &found).unwrap();
+            let taken = linear.unwrap().suiting(&data, &found, &tokens).unwrap();
+            let (_, _, encoder) = prepare(&data, &found, None, 2, &Cancel::default()).unwrap();
+            assert_eq!(taken.weights(), encoder.ridge.unwrap().weights());
         }
         let stopped = choose(&data, &cfg, 2, &mut Stopper, &Silent, &Cancel::default());
         assert!(matches!(stopped, Err(Error::Net(robert_net::Error::Stopped))), "{stopped:?}");

@@ -1,6 +1,7 @@
 //! Prepares a network for training from a dataset and settings: normaliser, linear fit and action
 //! centres, all from the training split alone.
 
+use super::linear::Linear;
 use super::pressing::Pressing;
 use super::{Error, TrainConfig};
 use robert_base::json;
@@ -76,13 +77,15 @@ pub(super) fn ridge_config(cfg: &TrainConfig, tokens: &Tokeniser) -> RidgeConfig
     RidgeConfig { seed: cfg.seed, lambda_per_sample, ..usual }
 }
 
-/// A fresh network for this data, its features and its card.
+/// A fresh network for this data, its features and its card. `linear` replaces the fit of the linear
+/// prediction where it is the same.
 ///
 /// # Errors
 /// [`Error::Net`].
 pub fn prepare(
     data: &Dataset,
     cfg: &TrainConfig,
+    linear: Option<&Linear>,
     threads: usize,
     cancel: &Cancel,
 ) -> Result<(Card, Net<f32>, Encoder), Error> {
@@ -91,7 +94,10 @@ pub fn prepare(
         None
     } else {
         let tokens = tokeniser(data, cfg)?;
-        Some(Ridge::fit(&tokens, &train, &ridge_config(cfg, &tokens), threads, cancel)?)
+        Some(match linear.and_then(|linear| linear.suiting(data, cfg, &tokens)) {
+            Some(same) => same,
+            None => Ridge::fit(&tokens, &train, &ridge_config(cfg, &tokens), threads, cancel)?,
+        })
     };
     assemble(&train, cfg, ridge, threads)
 }

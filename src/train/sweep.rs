@@ -420,6 +420,7 @@ impl Point<'_> {
             evaluator: evaluator.as_mut().map(|e| e as &mut dyn Evaluate),
             perform: Some(&mut perform),
             engines: work.engines,
+            linear: None,
             meta: work.meta.clone(),
         };
         let done = match train(data, &cfg, options) {

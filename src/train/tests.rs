@@ -25,7 +25,7 @@ pub(super) fn untrained(robot: &str, seed: u64, folder: &Path) -> (Arc<Built>, D
     collect(&robot, &config, folder, false, 2, &Silent, &Cancel::default()).unwrap();
     let data = Dataset::open(folder, Verify::Structure).unwrap();
     let cfg = TrainConfig::preset("instant").unwrap();
-    let (card, net, encoder) = prepare::prepare(&data, &cfg, 2, &Cancel::default()).unwrap();
+    let (card, net, encoder) = prepare::prepare(&data, &cfg, None, 2, &Cancel::default()).unwrap();
     (robot, data, Model { card, net, encoder, optimiser: None })
 }
 
@@ -111,6 +111,7 @@ pub(super) fn options<'a>(
         evaluator: None,
         perform: None,
         engines: None,
+        linear: None,
         meta: serde_json::Value::Null,
     }
 }
@@ -175,7 +176,7 @@ fn in_contact_the_linear_answer_can_be_what_is_learned() {
     let data = touching(dir.path(), 0.0, &touches);
     let filled = |contact_target| {
         let cfg = TrainConfig { contact_target, ..small(10) };
-        let (_, net, encoder) = prepare::prepare(&data, &cfg, 1, &Cancel::default()).unwrap();
+        let (_, net, encoder) = prepare::prepare(&data, &cfg, None, 1, &Cancel::default()).unwrap();
         let mut batch = Batch::zeros(&net.cfg, 2);
         let windows = Windows::new(&data, WINDOW, Part::Train, cfg.seed).unwrap();
         let source = source::Source::new(&data, &encoder, &cfg);
