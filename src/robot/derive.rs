@@ -15,6 +15,7 @@ use super::profile::{
     ActuatorSpec, Camera, Coupling, Drive, FORMAT, Group, JointSpec, MODEL_FILE, MirrorSpec,
     NEAR_LIMIT, OneOrMany, PoseSpec, Profile, SettleSpec, Written,
 };
+use super::ties::{Tie, ties};
 use robert_base::limits;
 use robert_base::units::Unit;
 use robert_mujoco::{Data, Joint, Kind, Model, Transmission, index};
@@ -355,7 +356,6 @@ pub(super) fn tendon_joints(model: &Model, t: usize) -> Vec<(usize, f64)> {
 /// Joints that one actuator moves together: those of a tendon, and of an equality. With `only_tied`
 /// tendons are left out whose joints other actuators set apart.
 fn couplings(model: &Model, only_tied: bool) -> Result<Vec<Coupling>, Error> {
-    const EQ_JOINT: i32 = 2; // mjEQ_JOINT
     let joint_name = |j: usize| model.name(Kind::Joint, j).unwrap_or_default().to_owned();
     let mut found = Vec::new();
     let arms = (only_tied && model.ntendon() > 0).then(|| MomentArms::of(model)).transpose()?;
@@ -373,22 +373,11 @@ fn couplings(model: &Model, only_tied: bool) -> Result<Vec<Coupling>, Error> {
             range: range.filter(|_| limited).and_then(|r| r.try_into().ok()),
         });
     }
-    for e in 0..model.neq() {
-        let id = |v: &[i32]| v.get(e).and_then(|n| usize::try_from(*n).ok());
-        let is_joint = model.eq_type().get(e) == Some(&EQ_JOINT);
-        let active = model.eq_active().get(e).is_some_and(|a| *a != 0);
-        let (Some(one), Some(two)) = (id(model.eq_obj1id()), id(model.eq_obj2id())) else {
-            continue;
-        };
-        let Some(&[offset, multiplier, a, b, c]) =
-            model.eq_data().get(11 * e..11 * e + 5).and_then(|d| <&[f64; 5]>::try_from(d).ok())
-        else {
-            continue;
-        };
-        if is_joint && active && [a, b, c] == [0.0; 3] {
+    for Tie { follower, leader, polynomial: [offset, multiplier, curve @ ..] } in ties(model) {
+        if curve == [0.0; 3] {
             found.push(Coupling::Mimic {
-                follower: joint_name(one),
-                leader: joint_name(two),
+                follower: joint_name(follower),
+                leader: joint_name(leader),
                 offset,
                 multiplier,
             });

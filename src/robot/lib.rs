@@ -40,6 +40,7 @@ mod response;
 mod servo;
 mod settle;
 mod text;
+mod ties;
 
 pub use builtin::NOTICE;
 pub use derive::derive;

@@ -14,6 +14,9 @@ const STL_HEAD: u64 = 84;
 /// Bytes of a triangle in a binary STL.
 const STL_FACE: u64 = 50;
 
+/// How the small text begins that Git LFS leaves in place of a file.
+const LFS_POINTER: &[u8] = b"version https://git-lfs.github.com/spec/";
+
 /// Checks a file that a model refers to, and returns its size in bytes.
 ///
 /// # Errors
@@ -34,6 +37,11 @@ pub(super) fn check_file(path: &Path) -> Result<u64, String> {
     let read = fsio::open_regular(path).and_then(|f| f.take(84).read(&mut head));
     let read = read.map_err(|e| format!("\"{name}\": {e}"))?;
     let head = head.get(..read).unwrap_or_default();
+    if head.starts_with(LFS_POINTER) {
+        return Err(format!(
+            "\"{name}\" is a pointer of Git LFS and not the file itself: run `git lfs pull` in its repository"
+        ));
+    }
     match extension(path).as_str() {
         "stl" => check_stl(&name, head, bytes),
         "png" => check_png(&name, head),

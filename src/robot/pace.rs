@@ -13,6 +13,7 @@ use super::Error;
 use super::derive::{ctrlrange, tendon_joints, torque_limit};
 use super::golden::spread;
 use super::law::Law;
+use super::ties::{Tie, ties};
 use robert_mujoco::{Data, Joint, Model, Transmission, index};
 
 /// Poses beside the default one.
@@ -220,14 +221,10 @@ fn asked_at_most(model: &Model, joint: usize) -> f64 {
 
 /// The joint, and those coupled to it by a tendon or an equality.
 fn coupled(model: &Model, joint: usize) -> Vec<usize> {
-    const EQ_JOINT: i32 = 2; // mjEQ_JOINT
     let mut ties: Vec<Vec<usize>> = (0..model.ntendon())
         .map(|t| tendon_joints(model, t).into_iter().map(|(j, _)| j).collect())
         .collect();
-    for e in (0..model.neq()).filter(|e| model.eq_type()[*e] == EQ_JOINT) {
-        let ends = [model.eq_obj1id()[e], model.eq_obj2id()[e]];
-        ties.push(ends.iter().filter_map(|j| usize::try_from(*j).ok()).collect());
-    }
+    ties.extend(crate::ties::ties(model).iter().map(|tie| vec![tie.follower, tie.leader]));
     let mut all = vec![joint];
     let mut next = 0;
     while let Some(&j) = all.get(next) {
@@ -268,7 +265,21 @@ fn start(model: &Model, joint: usize, k: usize, up: bool) -> Option<Vec<f64>> {
             qpos[at] = qpos[at].clamp(lo, hi);
         }
     }
+    follow(model, joint, &mut qpos);
     qpos.iter().all(|q| q.is_finite()).then_some(qpos)
+}
+
+/// Puts the joints that an equality ties to `joint` where it leads them. Otherwise the equality would
+/// throw the joint about, and its speed would not be that of its motors.
+fn follow(model: &Model, joint: usize, qpos: &mut [f64]) {
+    let at = |j: usize| model.jnt_qposadr()[j] as usize;
+    for Tie { follower, leader, polynomial } in ties(model) {
+        if leader == joint {
+            let way = qpos[at(leader)] - model.qpos0()[at(leader)];
+            let led = polynomial.iter().rev().fold(0.0, |sum, c| sum * way + c);
+            qpos[at(follower)] = model.qpos0()[at(follower)] + led;
+        }
+    }
 }
 
 /// Controls that drive a degree of freedom with the full force of its motors; `None` without a
@@ -378,6 +389,20 @@ mod tests {
     #[test]
     fn a_joint_that_its_motor_cannot_lift_is_stuck() {
         assert_eq!(paces(&arm("damping=\"10\"", 0.01))[0], Pace::Stuck);
+    }
+
+    #[test]
+    fn a_lift_that_drags_another_is_no_faster_than_its_motor() {
+        // Its weight and half of the follower's leave 13 of 100 N, which damping spends at 26 mm/s.
+        let lift = r#"<mujoco><compiler angle="radian"/><option timestep=".005"/><worldbody>
+            <body><joint name="lift" type="slide" axis="0 0 1" range="0 .7" limited="true" damping="500"/>
+              <geom size=".1" mass="5.8"/></body>
+            <body pos="1 0 0"><joint name="torso" type="slide" axis="0 0 1" range="0 .35" limited="true"/>
+              <geom size=".1" mass="6.1"/></body></worldbody>
+            <equality><joint joint1="torso" joint2="lift" polycoef="0 .5 0 0 0"/></equality>
+            <actuator><motor joint="lift" ctrllimited="true" ctrlrange="-100 100"/></actuator></mujoco>"#;
+        let Pace::Moves { speed, .. } = paces(lift)[0] else { panic!() };
+        assert!((0.015..0.04).contains(&speed), "{speed}");
     }
 
     #[test]

@@ -208,6 +208,8 @@ impl Goals {
         for (j, (free, passing)) in free.iter_mut().zip(passing).enumerate() {
             let hidden = (0..COMMAND).all(|i| !visible[i * self.dim + j]);
             (*free, *passing) = (*free && hidden, !*free && hidden);
+            // A joint that waits for a goal beyond the window would have to jump to it in the end.
+            visible[(COMMAND - 1) * self.dim + j] |= *passing;
         }
         if !visible.iter().any(|&v| v) {
             visible[(COMMAND - 1) * self.dim..].fill(true);

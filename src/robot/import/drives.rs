@@ -8,7 +8,9 @@
 //! regression).
 //!
 //! Such joints therefore get inertia and damping in proportion to their torque limit. The damping
-//! is the torque limit divided by the speed limit, which is the speed at which no torque is left.
+//! is the torque limit divided by the speed limit, which is the speed at which no torque is left. A
+//! motor that needs most of its torque to carry its load, as that of a lift, would never come near
+//! this speed, so there what is left beside the load is spent at the speed limit.
 
 use std::collections::BTreeMap;
 
@@ -16,6 +18,7 @@ use roxmltree::Node;
 
 use super::config::{Drives, ImportConfig};
 use super::draft::Draft;
+use super::plausible::loads;
 use crate::derive::{digits, torque_limit, weaker_torque};
 use crate::text::Edits;
 use crate::{Error, preparse};
@@ -39,6 +42,9 @@ const CROSSING_SECS: f64 = 0.5;
 /// m/s, and of wheels, which are faster.
 const PLACEHOLDER: f64 = 40.0;
 const PLACEHOLDER_OF_WHEEL: f64 = 1000.0;
+/// The share of its torque limit from which a motor's load counts, and the most that counts.
+const MOST: f64 = 0.5;
+const HEAVIEST: f64 = 0.9;
 /// The number of digits that are written.
 const DIGITS: i32 = 4;
 
@@ -53,6 +59,8 @@ struct Drive {
     /// The speed in the source that is none.
     placeholder: Option<f64>,
     torque: f64,
+    /// The part of the torque that carries the load, if it is most of it; else 0.
+    load: f64,
     /// Under full torque, without the drive.
     acceleration: f64,
     /// What the file gives: armature and damping.
@@ -67,9 +75,11 @@ pub(super) fn model(
     config: &ImportConfig,
 ) -> Result<bool, Error> {
     let mut found: BTreeMap<String, Drive> = BTreeMap::new();
-    for id in 0..model.jnt_type().len() {
+    for (id, load) in loads(model)?.iter().enumerate() {
         let Some(name) = model.name(Kind::Joint, id) else { continue };
-        if let Some(drive) = missing(model, id, draft, draft.speeds.get(name).copied()) {
+        if let Some(drive) =
+            missing(model, id, draft, load.usual_weight(), draft.speeds.get(name).copied())
+        {
             found.insert(name.to_owned(), drive);
         }
     }
@@ -102,7 +112,13 @@ pub(super) fn model(
 }
 
 /// The drive that a joint lacks; `None` if the file describes one, or no torque limit is known.
-fn missing(model: &Model, id: usize, draft: &Draft, named: Option<f64>) -> Option<Drive> {
+fn missing(
+    model: &Model,
+    id: usize,
+    draft: &Draft,
+    weight: f64,
+    named: Option<f64>,
+) -> Option<Drive> {
     let torque = torque_limit(model, id).filter(|t| *t > 0.0)?;
     let dof = usize::try_from(model.jnt_dofadr()[id]).ok()?;
     let (armature, damping) = (model.dof_armature()[dof], model.dof_damping()[dof]);
@@ -124,14 +140,18 @@ fn missing(model: &Model, id: usize, draft: &Draft, named: Option<f64>) -> Optio
     let speed = named.unwrap_or(guess);
     // A drive for the stronger direction would leave the joint hardly any speed in the other one.
     let weaker = weaker_torque(model, id).unwrap_or(torque);
-    let damping_of_drive = digits(damping.max(weaker / speed).max(torque / FREE_SPEED), DIGITS);
+    let carries_most = named.is_some() && weight > MOST * weaker && weight < weaker;
+    let load = if carries_most { weight.min(HEAVIEST * weaker) } else { 0.0 };
+    let left = weaker - load;
+    let damping_of_drive = digits(damping.max(left / speed).max(torque / FREE_SPEED), DIGITS);
     Some(Drive {
         armature: digits(armature.max(ROTOR * weaker), DIGITS),
         damping: damping_of_drive,
-        speed: weaker / damping_of_drive,
+        speed: left / damping_of_drive,
         allowed: named,
         placeholder,
         torque: weaker,
+        load,
         acceleration: torque / model.dof_M0()[dof].max(1e-12),
         file: [if draft.rotors_assumed { 0.0 } else { armature }, damping],
     })
@@ -151,12 +171,18 @@ fn say(draft: &mut Draft, found: &BTreeMap<String, Drive>) {
         };
         let instead = |file: f64, now: f64| {
             let raised = file > 0.0 && file < now;
-            if raised { format!(" instead of {file}") } else { String::new() }
+            if raised { format!(" instead of {}", digits(file, DIGITS)) } else { String::new() }
         };
         let [armature, damping] = [instead(d.file[0], d.armature), instead(d.file[1], d.damping)];
+        let spent = match d.load {
+            0.0 => d.torque.to_string(),
+            load => {
+                format!("{} of {}, beside its load,", digits(d.torque - load, DIGITS), d.torque)
+            }
+        };
         format!(
-            "{name}: armature {}{armature}, damping {}{damping} ({} spent at {:.3}, {from})",
-            d.armature, d.damping, d.torque, d.speed
+            "{name}: armature {}{armature}, damping {}{damping} ({spent} spent at {:.3}, {from})",
+            d.armature, d.damping, d.speed
         )
     };
     draft.assumed.push(format!(

@@ -3,10 +3,14 @@
 use super::config::ImportConfig;
 use super::plausible;
 use crate::Error;
-use robert_mujoco::{Model, Transmission};
+use crate::derive::digits;
+use robert_mujoco::{Joint, Model, Transmission};
 
-/// Force limit of a motor that carries nothing, N m or N.
+/// The most that a motor gets that carries nothing, N m or N.
 const LEAST: f64 = 10.0;
+/// Such a motor gets at most this many times what the most loaded joint of its kind needs: a finger
+/// does not get the motor of an arm.
+const OF_MOST: f64 = 20.0;
 
 /// Forces for the motors of a model, N m or N.
 pub(super) struct Efforts {
@@ -14,6 +18,9 @@ pub(super) struct Efforts {
     asked: Option<f64>,
     /// By joint, not yet rounded, N m or N.
     needed: Vec<f64>,
+    /// The least limit of hinges and of slides, N m or N.
+    least: [f64; 2],
+    slides: Vec<bool>,
 }
 
 impl Efforts {
@@ -22,19 +29,28 @@ impl Efforts {
     /// # Errors
     /// [`Error::Simulator`].
     pub(super) fn of(model: &Model, config: &ImportConfig) -> Result<Efforts, Error> {
-        let needed = match config.effort {
+        let needed: Vec<f64> = match config.effort {
             Some(_) => Vec::new(),
             None => plausible::loads(model)?.iter().map(plausible::Load::effort).collect(),
         };
-        Ok(Efforts { asked: config.effort, needed })
+        let slides: Vec<bool> = (0..model.jnt_type().len())
+            .map(|j| model.joint_type(j) == Some(Joint::Slide))
+            .collect();
+        let least = [false, true].map(|kind| {
+            let own = needed.iter().zip(&slides).filter(|(_, slides)| **slides == kind);
+            let most = own.map(|(needed, _)| *needed).filter(|n| n.is_finite()).fold(0.0, f64::max);
+            if most > 0.0 { digits(OF_MOST * most, 2).min(LEAST) } else { LEAST }
+        });
+        Ok(Efforts { asked: config.effort, needed, least, slides })
     }
 
-    /// The limit of a joint, rounded up to a whole number.
+    /// The limit of a joint, rounded up to a whole number if it is above [`LEAST`].
     pub(super) fn joint(&self, joint: usize) -> f64 {
+        let least = self.least[usize::from(self.slides.get(joint).is_some_and(|s| *s))];
         match (self.asked, self.needed.get(joint)) {
             (Some(effort), _) => effort,
-            (None, Some(needed)) if needed.is_finite() => needed.ceil().max(LEAST),
-            (None, _) => LEAST,
+            (None, Some(needed)) if *needed > least && needed.is_finite() => needed.ceil(),
+            (None, _) => least,
         }
     }
 

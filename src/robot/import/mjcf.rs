@@ -120,6 +120,10 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
     for node in doc.descendants().filter(Node::is_element) {
         attributes(node, &mut edits, &mut draft.unknown);
     }
+    // It says how long to look for the lengths of muscles, which are replaced by motors.
+    for node in doc.descendants().filter(|n| n.has_tag_name("lengthrange")) {
+        edits.replace(node.range(), "");
+    }
     for section in doc.root_element().children().filter(Node::is_element) {
         let tag = section.tag_name().name();
         if UNUSED.contains(&tag) {

@@ -7,6 +7,7 @@ use super::draft::Draft;
 use crate::Error;
 use crate::derive::{digits, torque_limit};
 use crate::golden::spread_model;
+use crate::ties::{Tie, ties};
 use robert_mujoco::{Data, Joint, Kind, Model};
 
 /// Poses beside the default one.
@@ -41,14 +42,15 @@ pub(super) fn check(draft: &mut Draft, model: &Arc<Model>) -> Result<(), Error> 
         (0..loads.len()).filter(like).map(|j| loads[j].without_drive().effort()).fold(0.0, f64::max)
     };
     let most = [most(false), most(true)];
-    let (mut weak, mut absurd) = (Vec::new(), Vec::new());
+    let (mut weak, mut absurd, mut rubbing) = (Vec::new(), Vec::new(), Vec::new());
     for (j, load) in loads.iter().enumerate() {
         let Some(limit) = torque_limit(model, j) else { continue };
-        let mut asked = load.weights.clone();
-        asked.sort_by(f64::total_cmp);
-        let median = asked[asked.len() / 2];
+        let median = load.usual_weight();
         let most = most[usize::from(model.joint_type(j) == Some(Joint::Slide))];
-        if median > limit {
+        let friction = model.dof_frictionloss()[model.jnt_dofadr()[j] as usize];
+        if friction >= limit {
+            rubbing.push(Unfit { joint: j, asked: friction, limit });
+        } else if median > limit {
             weak.push(Unfit { joint: j, asked: median, limit });
         } else if limit > (ABSURD * most).max(USUAL) {
             absurd.push(Unfit { joint: j, asked: most, limit });
@@ -62,6 +64,15 @@ pub(super) fn check(draft: &mut Draft, model: &Arc<Model>) -> Result<(), Error> 
             weak.len(),
             model.nu(),
             list(model, weak)
+        ));
+    }
+    if !rubbing.is_empty() {
+        draft.warnings.push(format!(
+            "{} of {} motors are weaker than the dry friction of their joints and do not move them (N m or \
+             N): {}; check friction and limits in the file",
+            rubbing.len(),
+            model.nu(),
+            list(model, rubbing)
         ));
     }
     if !absurd.is_empty() {
@@ -112,6 +123,13 @@ pub(super) struct Load {
 }
 
 impl Load {
+    /// The torque that holds the joint in most poses, N m or N.
+    pub(super) fn usual_weight(&self) -> f64 {
+        let mut weights = self.weights.clone();
+        weights.sort_by(f64::total_cmp);
+        weights[weights.len() / 2]
+    }
+
     /// A force limit that carries and moves the joint, N m or N.
     pub(super) fn effort(&self) -> f64 {
         let weight = self.weights.iter().copied().fold(0.0, f64::max);
@@ -143,9 +161,17 @@ pub(super) fn loads(model: &Model) -> Result<Vec<Load>, Error> {
         data.set_qpos(&qpos)?;
         data.forward()?;
         data.full_mass(&mut mass)?;
+        let dofs = model.jnt_dofadr().iter().map(|dof| *dof as usize);
+        let mut held: Vec<f64> =
+            dofs.map(|dof| data.qfrc_bias()[dof] - data.qfrc_passive()[dof]).collect();
+        // A motor carries what follows its joint, too.
+        let alone = held.clone();
+        for Tie { follower, leader, polynomial } in ties(model) {
+            held[leader] += polynomial[1] * alone[follower];
+        }
         for (j, load) in loads.iter_mut().enumerate() {
             let dof = model.jnt_dofadr()[j] as usize;
-            load.weights.push((data.qfrc_bias()[dof] - data.qfrc_passive()[dof]).abs());
+            load.weights.push(held[j].abs());
             load.inertia = load.inertia.max(mass[dof * model.nv() + dof]);
             load.rotor = model.dof_armature()[dof];
             load.friction = model.dof_frictionloss()[dof] + model.dof_damping()[dof];

@@ -27,6 +27,8 @@ const ARMATURE: f64 = 0.01;
 const ARMATURE_OF_LIMIT: f64 = 0.003;
 /// Mass and inertia of moving links that have neither inertia nor collision shapes.
 const GHOST: (f64, f64) = (1e-3, 1e-6);
+/// A principal moment below this is none, kg m^2: the simulator would refuse the link.
+const LEAST_MOMENT: f64 = 1e-12;
 
 /// Colour of what has none.
 const PLAIN: [f64; 4] = [0.7, 0.7, 0.72, 1.0];
@@ -55,6 +57,8 @@ struct Tree<'a> {
     body: String,
     motors: String,
     equalities: String,
+    /// Joints that are held at their zero.
+    welded: BTreeSet<&'a str>,
 }
 
 pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Result<Draft, Error> {
@@ -87,6 +91,7 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
         body: String::new(),
         motors: String::new(),
         equalities: String::new(),
+        welded: BTreeSet::new(),
     };
     for joint in &robot.joints {
         tree.children.entry(joint.parent.as_str()).or_default().push(joint);
@@ -101,10 +106,11 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
             return Err(Error::Unfit { message, path: path.clone() });
         }
     }
+    tree.weld()?;
     if doc.descendants().any(|n| n.has_tag_name("transmission") || n.has_tag_name("gazebo")) {
         tree.draft.dropped.push("<transmission> and <gazebo>: not part of the kinematics".into());
     }
-    tree.link(root, None, 1)?;
+    tree.link(root, None, true, 1)?;
     for (package, folder) in &tree.found {
         let line = format!("package \"{package}\" is the folder {}", folder.display());
         tree.draft.assumed.push(line);
@@ -115,6 +121,34 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
 impl<'a> Tree<'a> {
     fn path(&self) -> &'a Path {
         &self.project.path
+    }
+
+    /// Welds what the user names, and what follows it.
+    fn weld(&mut self) -> Result<(), Error> {
+        self.welded = self.config.weld.iter().map(String::as_str).collect();
+        loop {
+            let follows = |j: &&Joint| {
+                let leader = j.mimic.as_ref().map(|m| m.joint.as_str());
+                leader.is_some_and(|l| self.welded.contains(l))
+                    && !self.welded.contains(j.name.as_str())
+            };
+            let Some(j) = self.robot.joints.iter().find(follows) else { return Ok(()) };
+            let (leader, offset) =
+                j.mimic.as_ref().map_or(("", 0.0), |m| (m.joint.as_str(), m.offset.unwrap_or(0.0)));
+            if offset != 0.0 {
+                let message = format!(
+                    "follows the welded joint \"{leader}\" with an offset of {offset}, and joints are welded \
+                     at their zero; remove its <mimic>, or weld it at zero, too: --weld {}",
+                    j.name
+                );
+                return Err(self.refuse_joint(j, &message));
+            }
+            self.draft.changed.push(format!(
+                "joint \"{}\" is welded with \"{leader}\", which it follows",
+                j.name
+            ));
+            self.welded.insert(&j.name);
+        }
     }
 
     fn joint_node(&self, name: &str) -> Node<'a, 'a> {
@@ -143,7 +177,13 @@ impl<'a> Tree<'a> {
     }
 
     /// Writes a link as a body, and its children inside of it.
-    fn link(&mut self, link: &'a Link, joint: Option<&'a Joint>, deep: usize) -> Result<(), Error> {
+    fn link(
+        &mut self,
+        link: &'a Link,
+        joint: Option<&'a Joint>,
+        anchored: bool,
+        deep: usize,
+    ) -> Result<(), Error> {
         // 2.2.2 refuses an XML nested 100 deep; a body is one level.
         if deep > 90 {
             let message =
@@ -153,18 +193,22 @@ impl<'a> Tree<'a> {
         let pad = "  ".repeat(deep);
         let is_world = joint.is_none() && link.name == "world";
         let moving = joint.is_some_and(|j| self.moves(j));
+        let anchored = anchored && !moving;
+        let above = std::mem::take(&mut self.body);
+        let weighs = self.shapes(link, &pad)?;
+        let shapes = std::mem::replace(&mut self.body, above);
         if !is_world {
             let at = joint.map_or_else(
                 || format!("pos=\"0 0 {}\"", self.config.base_height_m),
                 |j| frame(&j.origin),
             );
             writeln!(self.body, "{pad}<body name=\"{}\" {at}>", escape(&link.name)).ok();
-            self.inertial(link, moving, &pad);
+            self.inertial(link, moving, anchored, weighs, &pad);
             if let Some(j) = joint {
                 self.joint(j, &pad)?;
             }
         }
-        self.shapes(link, &pad)?;
+        self.body.push_str(&shapes);
         let children = self.children.get(link.name.as_str()).cloned().unwrap_or_default();
         if children.is_empty() && !is_world {
             writeln!(
@@ -176,7 +220,7 @@ impl<'a> Tree<'a> {
         }
         for j in children {
             if let Some(child) = self.robot.links.iter().find(|l| l.name == j.child) {
-                self.link(child, Some(j), deep + 1)?;
+                self.link(child, Some(j), anchored, deep + 1)?;
             }
         }
         if !is_world {
@@ -187,13 +231,14 @@ impl<'a> Tree<'a> {
 
     fn moves(&self, j: &Joint) -> bool {
         !matches!(j.joint_type, JointType::Fixed | JointType::Floating)
-            && !self.config.weld.contains(&j.name)
+            && !self.welded.contains(j.name.as_str())
     }
 
-    fn inertial(&mut self, link: &Link, moving: bool, pad: &str) {
+    /// Writes the inertia of a link that is `moving` relative to its parent, or moves with it, or is
+    /// `anchored` in the world. Without one in the source its shapes are weighed, if it has some.
+    fn inertial(&mut self, link: &Link, moving: bool, anchored: bool, weighs: bool, pad: &str) {
         let i = &link.inertial;
         if i.mass <= 0.0 {
-            let weighs = link.collision.iter().any(|c| self.has_shape(&c.geometry));
             if moving && !weighs {
                 let (mass, inertia) = GHOST;
                 writeln!(
@@ -205,14 +250,15 @@ impl<'a> Tree<'a> {
                     "link \"{}\" has no inertia: {mass} kg, {inertia} kg m^2",
                     link.name
                 ));
-            } else if !moving && self.has_inertial(&link.name) {
-                // A massless frame, such as a tool's, has no shapes that could have mass.
+            } else if anchored || !moving && self.has_inertial(&link.name) {
+                // A massless frame, such as a tool's, has no shapes that could have mass, and what is
+                // fixed to the world needs none.
                 writeln!(
                     self.body,
                     "{pad}  <inertial pos=\"0 0 0\" mass=\"0\" diaginertia=\"0 0 0\"/>"
                 )
                 .ok();
-            } else if moving {
+            } else if weighs {
                 self.draft.assumed.push(format!(
                     "link \"{}\" has no inertia: that of its collision shapes at 1000 kg/m^3",
                     link.name
@@ -227,7 +273,7 @@ impl<'a> Tree<'a> {
         // Balanced here and not by the compiler, so that the report can name the links.
         let moments = m.symmetric_eigenvalues();
         let (lo, sum) = (moments.min(), moments.sum());
-        let broken = lo <= 0.0 || 2.0 * moments.max() > sum * (1.0 + 1e-9);
+        let broken = lo < LEAST_MOMENT || 2.0 * moments.max() > sum * (1.0 + 1e-9);
         let [x, y, z] = i.origin.xyz;
         let values = if broken {
             let mean = (sum / 3.0).max(1e-9);
@@ -245,8 +291,12 @@ impl<'a> Tree<'a> {
     }
 
     fn joint(&mut self, j: &Joint, pad: &str) -> Result<(), Error> {
-        if self.config.weld.contains(&j.name) {
-            self.draft.changed.push(format!("joint \"{}\" is welded at its zero", j.name));
+        if self.welded.contains(j.name.as_str()) {
+            let led = j.mimic.as_ref().map(|m| m.joint.as_str());
+            let apart = led
+                .filter(|l| !self.welded.contains(l))
+                .map_or_else(String::new, |leader| format!(", and no longer follows \"{leader}\""));
+            self.draft.changed.push(format!("joint \"{}\" is welded at its zero{apart}", j.name));
             return Ok(());
         }
         let kind = match j.joint_type {
@@ -365,8 +415,9 @@ impl<'a> Tree<'a> {
         Some([a.min(b), a.max(b)])
     }
 
-    fn shapes(&mut self, link: &'a Link, pad: &str) -> Result<(), Error> {
-        let mut seen = false;
+    /// Writes the shapes of a link; returns whether some have mass.
+    fn shapes(&mut self, link: &'a Link, pad: &str) -> Result<bool, Error> {
+        let (mut seen, mut weighs) = (false, false);
         for v in &link.visual {
             let own = v
                 .material
@@ -393,9 +444,10 @@ impl<'a> Tree<'a> {
                     frame(&c.origin)
                 )
                 .ok();
+                weighs = true;
             }
         }
-        Ok(())
+        Ok(weighs)
     }
 
     /// Types and sizes of the geoms of a shape, with colours if its file has some; none if the file
@@ -441,7 +493,8 @@ impl<'a> Tree<'a> {
             );
             return Ok(Vec::new());
         }
-        let file = match self.locate(filename)? {
+        let found = self.locate(filename)?;
+        let file = match found.and_then(|file| mesh::check_file(&file).map(|_bytes| file)) {
             Ok(file) => file,
             // Motion does not depend on what is only drawn.
             Err(why) if what == "visual" || self.config.without_meshes => {
@@ -449,7 +502,7 @@ impl<'a> Tree<'a> {
                 return Ok(Vec::new());
             }
             Err(why) => {
-                let way = "find the file, or leave out what is missing: --without-meshes";
+                let way = "mend the file, or leave out what cannot be read: --without-meshes";
                 return Err(self.refuse_mesh(filename, &format!("{why}; {way}")));
             }
         };
@@ -461,7 +514,6 @@ impl<'a> Tree<'a> {
         if otherwise() && self.said.insert(format!("{filename} case")) {
             self.draft.assumed.push(format!("mesh \"{filename}\" is the file {name}"));
         }
-        mesh::check_file(&file).map_err(|m| self.refuse_mesh(filename, &m))?;
         let files = if mesh::extension(&file) == "dae" {
             match self.collada(&file)? {
                 Ok(files) => files,
@@ -483,16 +535,6 @@ impl<'a> Tree<'a> {
                 (format!("type=\"mesh\" mesh=\"{id}\""), rgba)
             })
             .collect())
-    }
-
-    /// Whether a geometry gives a geom: a mesh may be missing.
-    fn has_shape(&self, geometry: &Geometry) -> bool {
-        match geometry {
-            Geometry::Mesh { filename, .. } if self.config.without_meshes => {
-                is_read(geometry) && matches!(self.locate(filename), Ok(Ok(_)))
-            }
-            _ => is_read(geometry),
-        }
     }
 
     /// Reports once that a mesh is missing in the result.
