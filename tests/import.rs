@@ -146,7 +146,10 @@ fn limits_that_no_joint_needs_are_called_placeholders() {
         notes(&ran.json(), "warnings")
     };
     let said = warned("10000");
-    assert!(said.contains("1 of 2 motors have more than 100 times the force"), "{said}");
+    assert!(
+        said.contains("the motors of 1 of 2 driven joints have more than 100 times the force"),
+        "{said}"
+    );
     assert!(said.contains("\"turn\" has 10000 for "), "{said}");
     assert!(!warned("100").contains("placeholders"));
 }
@@ -566,6 +569,114 @@ fn obj_meshes_and_welded_joints_are_taken() {
         .file("g.urdf", GRIPPER)
         .args(["import", "g.urdf", "--out", "b", "--weld", "nose"])
         .fails(3);
+}
+
+#[test]
+fn what_follows_a_welded_joint_is_welded_with_it() {
+    let import = |urdf: &str, weld: &str| {
+        robert().file("g.urdf", urdf).args([
+            "import",
+            "g.urdf",
+            "--out",
+            "bot",
+            "--without-meshes",
+            "--json",
+            "--weld",
+            weld,
+        ])
+    };
+    let said = import(GRIPPER, "grip").fails(3).stderr;
+    assert!(
+        said.contains("joint \"grip2\" follows the welded joint \"grip\" with an offset"),
+        "{said}"
+    );
+    let straight = GRIPPER.replace(" offset=\".001\"", "");
+    let ran = import(&straight, "grip").succeeds();
+    let changed = notes(&ran.json(), "changed");
+    assert!(changed.contains("\"grip2\" is welded with \"grip\", which it follows"), "{changed}");
+    assert_eq!(Robot::from_folder(&ran.path("bot")).unwrap().state_dim(), 1);
+    let changed = notes(&import(GRIPPER, "grip2").succeeds().json(), "changed");
+    assert!(
+        changed.contains("\"grip2\" is welded at its zero, and no longer follows \"grip\""),
+        "{changed}"
+    );
+}
+
+#[test]
+fn pointers_of_git_lfs_are_named_and_can_be_left_out() {
+    let pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n";
+    let import = |more: &[&str]| {
+        let urdf = GRIPPER.replace("<sphere radius=\".02\"/>", "<mesh filename=\"finger.dae\"/>");
+        robert()
+            .file("ws/g/urdf/g.urdf", urdf)
+            .file("ws/g/urdf/finger.dae", pointer)
+            .file("ws/g/meshes/Arm.STL", tetrahedron_stl())
+            .args(["import", "ws/g/urdf/g.urdf", "--out", "bot", "--json"])
+            .args(["--package", "gripper_description=ws/g"])
+            .args(more)
+    };
+    let said = import(&[]).fails(3).stderr;
+    assert!(
+        said.contains("\"finger.dae\" is a pointer of Git LFS") && said.contains("git lfs pull"),
+        "{said}"
+    );
+    let dropped = notes(&import(&["--without-meshes"]).succeeds().json(), "dropped");
+    assert!(dropped.contains("collision mesh \"finger.dae\" of link \"left\""), "{dropped}");
+}
+
+#[test]
+fn links_without_mass_of_their_own_do_not_make_the_robot_heavier() {
+    // The base is fixed to the world, so it needs no mass; a moving link is weighed by its shapes.
+    let inertial = |mass: &str| {
+        let from = GRIPPER.find(&format!("<inertial><mass value=\"{mass}\"")).unwrap();
+        let to = from + GRIPPER[from..].find("</inertial>").unwrap() + "</inertial>".len();
+        GRIPPER.replace(&GRIPPER[from..to], "")
+    };
+    let import = |urdf: &str| {
+        let ran = robert()
+            .file("g.urdf", urdf)
+            .args(["import", "g.urdf", "--out", "bot", "--without-meshes", "--json"])
+            .succeeds();
+        let mass: f64 =
+            Robot::from_folder(&ran.path("bot")).unwrap().model().body_mass().iter().sum();
+        (mass, notes(&ran.json(), "assumed"))
+    };
+    let (mass, assumed) = import(&inertial("2"));
+    assert!((mass - 1.7).abs() < 1e-6 && !assumed.contains("link \"base\""), "{mass} {assumed}");
+    let (mass, assumed) = import(&inertial(".1"));
+    // Two spheres of 2 cm.
+    assert!((mass - 3.5 - 0.067).abs() < 1e-3, "{mass}");
+    assert!(
+        assumed.contains("link \"left\" has no inertia: that of its collision shapes"),
+        "{assumed}"
+    );
+    // An inertia that the simulator would take for none.
+    let tiny = GRIPPER.replace(
+        "ixx=\"1e-4\" iyy=\"1e-4\" izz=\"1e-4\"",
+        "ixx=\"3e-22\" iyy=\"3e-22\" izz=\"5e-22\"",
+    );
+    import(&tiny);
+}
+
+#[test]
+fn motors_weaker_than_friction_and_motors_of_fingers_are_noticed() {
+    let import = |urdf: &str| {
+        let ran = robert()
+            .file("g.urdf", urdf)
+            .args(["import", "g.urdf", "--out", "bot", "--without-meshes", "--json"])
+            .succeeds();
+        ran.json()
+    };
+    let stiff = GRIPPER.replace("friction=\".2\"", "friction=\"100\"");
+    let said = notes(&import(&stiff), "warnings");
+    assert!(said.contains("1 of 2 driven joints are weaker than dry friction"), "{said}");
+    assert!(said.contains("\"turn\" has 30 for 100"), "{said}");
+    // A finger that needs some newtons does not get the motor of an arm.
+    let light = GRIPPER.replace("effort=\"8\"", "").replace("value=\".1\"", "value=\".01\"");
+    let assumed = notes(&import(&light), "assumed");
+    let line = assumed.lines().find(|l| l.contains("joint \"grip\" gives no effort")).unwrap();
+    let least: f64 = line.split("+-").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
+    assert!(least < 10.0 && least > 1.0, "{line}");
 }
 
 #[test]

@@ -73,7 +73,7 @@ fn transitions(text: &str) -> Result<u64, String> {
     after_help = "Examples:\n  robert new arm.urdf --out my_arm\n  robert new arm.urdf --out my_arm --package arm_description=../arm_description --minutes 5\n  robert new my_arm --out my_arm --minutes 30 --transitions 1M   (a folder of robert import)\n\nThe folder is a robot for every other command: robert studio --robot my_arm"
 )]
 pub(super) struct Args {
-    /// The model: URDF, MJCF, or a folder that `robert import` made.
+    /// The model: URDF or MJCF; or the folder that `robert import` made, which is then --out, too.
     file: PathBuf,
     /// The robot's folder; if it exists, the run in it is continued.
     #[arg(long)]
@@ -135,6 +135,11 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     if args.out.join(PROFILE_FILE).is_file() {
         same_source(args)?;
         say(&format!("1 import: {} is there", args.out.display()));
+    } else if args.file.join(PROFILE_FILE).is_file() {
+        let folder = args.file.display();
+        return Err(Failure::usage(format!(
+            "{folder} is the folder of an imported robot, and its policy is trained there: robert new {folder} --out {folder}"
+        )));
     } else {
         say(&format!("1 import: {} to {}", args.file.display(), args.out.display()));
         let report = import(&args.model.plan(&args.file, &args.out)?)?;

@@ -38,6 +38,7 @@ pub mod preparse;
 mod profile;
 mod response;
 mod servo;
+mod servos;
 mod settle;
 mod text;
 mod ties;

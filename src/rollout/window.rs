@@ -406,6 +406,30 @@ mod tests {
     }
 
     #[test]
+    fn a_joint_whose_goal_is_far_has_one_on_the_way_beside_the_goals_of_others() {
+        let (frames, names) = (100, vec!["a".into(), "b".into()]);
+        let (mut q, mut visible) = (vec![0.0_f32; frames * 2], vec![false; frames * 2]);
+        let mut goal = |f: usize, j: usize, value: f32| {
+            (q[f * 2 + j], visible[f * 2 + j]) = (value, true);
+        };
+        goal(60, 0, 3.0);
+        (0..frames).for_each(|f| goal(f, 1, 0.5));
+        let command = Command::from_dense(names, vec![0.0; 2], q, visible).unwrap();
+        let goals = Goals::new(&command);
+        let mut w = Window::new(2);
+        let at = |t: usize, w: &mut Window| {
+            w.fill(t, &vec![0.0; 2 * (HISTORY + t + 1)], &goals);
+            w.next_goal(0)
+        };
+        assert_eq!(at(0, &mut w), Some((19, 1.0)));
+        assert!(w.passing[0] && !w.visible[36]);
+        assert_eq!(at(30, &mut w), Some((19, 2.5)));
+        assert_eq!(at(45, &mut w), Some((14, 3.0)));
+        // After its last goal it is free.
+        assert_eq!(at(60, &mut w), None);
+    }
+
+    #[test]
     fn past_the_end_means_stay() {
         let g = goals(&[Some(0.0), Some(0.1), Some(0.2)], 0.0);
         let w = window(&g, 1, 0.1);

@@ -5,7 +5,6 @@
 //! skip of the network.
 
 use super::TrainConfig;
-use super::prepare::ridge_config;
 use robert_dataset::Dataset;
 use robert_net::ridge::RidgeConfig;
 use robert_net::{Model, Ridge, SkipKind, Tokeniser};
@@ -61,44 +60,9 @@ impl Linear {
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::prepare::{prepare, tokeniser};
-    use crate::tests::{options, small, untrained};
-    use crate::{paths, train};
-    use robert_base::progress::{Cancel, Silent};
-    use robert_net::checkpoint;
-
-    #[test]
-    fn a_fit_is_taken_over_only_where_it_is_the_same() {
-        let dir = tempfile::tempdir().unwrap();
-        let (_, data, _) = untrained("pointmass", 0, dir.path());
-        let (cfg, cancel) = (small(2), Cancel::default());
-        let run = dir.path().join("run");
-        train(&data, &cfg, options(&run, 2, &cancel, &Silent)).unwrap();
-        let model = checkpoint::load(&paths::last(&run), None).unwrap();
-        let weights = model.encoder.ridge.as_ref().unwrap().weights().to_vec();
-        let linear = Linear::of(model).unwrap();
-        let of = |cfg: &TrainConfig| linear.suiting(&data, cfg, &tokeniser(&data, cfg).unwrap());
-        assert_eq!(of(&cfg).unwrap().weights(), weights);
-        // The network may be another one; the fit may not.
-        assert!(of(&TrainConfig { layers: 1, steps: 9, lr: 1e-4, ..cfg.clone() }).is_some());
-        for other in [
-            TrainConfig { seed: 1, ..cfg.clone() },
-            TrainConfig { ridge_penalty: Some(0.1), ..cfg.clone() },
-            TrainConfig { ridge_history: 5, ..cfg.clone() },
-            TrainConfig { leave_pressing: true, ..cfg.clone() },
-            TrainConfig { skip: SkipKind::Off, ..cfg.clone() },
-        ] {
-            assert!(of(&other).is_none(), "{other:?}");
-        }
-        // A prepared network has the weights that were handed over, bit by bit.
-        let changed: Vec<f32> = weights.iter().map(|w| 2.0 * w).collect();
-        let (inputs, actions) = (linear.tokens.ridge_inputs(), linear.tokens.facts().actions);
-        let changed = Ridge::new(inputs, actions, changed).unwrap();
-        let given = Linear { ridge: changed.clone(), ..linear };
-        let (_, _, encoder) = prepare(&data, &cfg, Some(&given), 2, &cancel).unwrap();
-        assert_eq!(encoder.ridge.unwrap().weights(), changed.weights());
-    }
+/// The settings of the linear prediction's fit.
+pub(super) fn ridge_config(cfg: &TrainConfig, tokens: &Tokeniser) -> RidgeConfig {
+    let usual = RidgeConfig::for_tokens(tokens);
+    let lambda_per_sample = cfg.ridge_penalty.unwrap_or(usual.lambda_per_sample);
+    RidgeConfig { seed: cfg.seed, lambda_per_sample, ..usual }
 }

@@ -6,8 +6,8 @@
 //! spoil the map on some robots, and on others they are merely fast. Only simulation shows what is
 //! best, so the candidates perform the evaluator's clips.
 
-use super::linear::Linear;
-use super::prepare::{Side, assemble, ridge_config, tokeniser};
+use super::linear::{Linear, ridge_config};
+use super::prepare::{Side, assemble, tokeniser};
 use super::pressing::Pressing;
 use super::{Error, Evaluate, TrainConfig};
 use robert_base::progress::{Cancel, Progress};

@@ -1,7 +1,7 @@
 //! Prepares a network for training from a dataset and settings: normaliser, linear fit and action
 //! centres, all from the training split alone.
 
-use super::linear::Linear;
+use super::linear::{Linear, ridge_config};
 use super::pressing::Pressing;
 use super::{Error, TrainConfig};
 use robert_base::json;
@@ -10,7 +10,6 @@ use robert_dataset::{Dataset, Part};
 use robert_net::checkpoint::{TrainingCard, Usual};
 use robert_net::kmeans::kmeans;
 use robert_net::reach::Reach;
-use robert_net::ridge::RidgeConfig;
 use robert_net::{Card, Encoder, Episodes, Net, Ridge, SkipKind, Tokeniser};
 pub use robert_rollout::{card_of as robot_card, facts, normaliser};
 
@@ -68,13 +67,6 @@ impl Episodes for Side<'_> {
         seen.and_then(|flags| flags.get(frame)).is_some_and(|&c| c != 0)
             || self.pressing.as_ref().is_some_and(|pressing| pressing.at(at, frame))
     }
-}
-
-/// The settings of the linear prediction's fit.
-pub(super) fn ridge_config(cfg: &TrainConfig, tokens: &Tokeniser) -> RidgeConfig {
-    let usual = RidgeConfig::for_tokens(tokens);
-    let lambda_per_sample = cfg.ridge_penalty.unwrap_or(usual.lambda_per_sample);
-    RidgeConfig { seed: cfg.seed, lambda_per_sample, ..usual }
 }
 
 /// A fresh network for this data, its features and its card. `linear` replaces the fit of the linear

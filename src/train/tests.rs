@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use super::linear::Linear;
 use super::*;
 use robert_base::progress::{Cancel, Progress, Silent};
 use robert_base::rng::{Rng, Stream};
@@ -14,7 +15,7 @@ use robert_explore::{CollectConfig, collect};
 use robert_net::Model;
 use robert_net::checkpoint;
 use robert_net::mask::MaskKind;
-use robert_net::{Batch, SkipKind, TokenKind, WINDOW};
+use robert_net::{Batch, Ridge, SkipKind, TokenKind, WINDOW};
 use robert_robot::Robot as Built;
 
 /// A robot of the program, 3,000 transitions of noise in `folder`, and a network that knows
@@ -485,4 +486,37 @@ fn a_stopped_fit_leaves_no_file() {
     let e = fit::mlp_inverse(&data, 0, &settings, &out, &Silent, &cancel).unwrap_err();
     assert_eq!(robert_base::exit::HasExit::exit(&e), robert_base::exit::Exit::Interrupted);
     assert!(!out.exists());
+}
+
+#[test]
+fn a_fit_is_taken_over_only_where_it_is_the_same() {
+    let dir = tempfile::tempdir().unwrap();
+    let (_, data, _) = untrained("pointmass", 0, dir.path());
+    let (cfg, cancel) = (small(2), Cancel::default());
+    let run = dir.path().join("run");
+    train(&data, &cfg, options(&run, 2, &cancel, &Silent)).unwrap();
+    let model = checkpoint::load(&paths::last(&run), None).unwrap();
+    let weights = model.encoder.ridge.as_ref().unwrap().weights().to_vec();
+    let linear = Linear::of(model).unwrap();
+    let of =
+        |cfg: &TrainConfig| linear.suiting(&data, cfg, &prepare::tokeniser(&data, cfg).unwrap());
+    assert_eq!(of(&cfg).unwrap().weights(), weights);
+    // The network may be another one; the fit may not.
+    assert!(of(&TrainConfig { layers: 1, steps: 9, lr: 1e-4, ..cfg.clone() }).is_some());
+    for other in [
+        TrainConfig { seed: 1, ..cfg.clone() },
+        TrainConfig { ridge_penalty: Some(0.1), ..cfg.clone() },
+        TrainConfig { ridge_history: 5, ..cfg.clone() },
+        TrainConfig { leave_pressing: true, ..cfg.clone() },
+        TrainConfig { skip: SkipKind::Off, ..cfg.clone() },
+    ] {
+        assert!(of(&other).is_none(), "{other:?}");
+    }
+    // A prepared network has the weights that were handed over, bit by bit.
+    let changed: Vec<f32> = weights.iter().map(|w| 2.0 * w).collect();
+    let tokens = prepare::tokeniser(&data, &cfg).unwrap();
+    let changed = Ridge::new(tokens.ridge_inputs(), tokens.facts().actions, changed).unwrap();
+    let given = Linear::new(&data, &cfg, tokens, changed.clone());
+    let (_, _, encoder) = prepare::prepare(&data, &cfg, Some(&given), 2, &cancel).unwrap();
+    assert_eq!(encoder.ridge.unwrap().weights(), changed.weights());
 }

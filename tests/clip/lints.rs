@@ -162,7 +162,7 @@ fn keys_on_the_way_leave_free_joints_free() {
     let c = clip(vec![Key::new(0, &[0.0; 3]), free(41, 0.5), free(59, 0.5)]);
     let lints = fixes(&c, Rule::BlindSpan);
     let next = edited(&c, &lints[0].fixes[0].op, Some(&table())).unwrap();
-    for frame in [20, 40] {
+    for frame in [14, 27] {
         let Goal::Q(row) = &next.key(frame).unwrap().goal else { panic!("a pose") };
         assert!(matches!(row[..], [None, None, Some(_)]), "{row:?}");
     }
@@ -174,6 +174,15 @@ fn blind_spans_are_found_and_fixed() {
     let lints = fixes(&c, Rule::BlindSpan);
     assert_eq!((lints.len(), lints[0].frames), (1, Some([1, 21])));
     assert_eq!(lints[0].fixes.len(), 2);
+    // As few keys as needed, at even distances.
+    for (goal, expected) in [(41, vec![14, 27]), (40, vec![20]), (60, vec![20, 40]), (22, vec![11])]
+    {
+        let mut c = clip(vec![Key::new(0, &[0.0; 3]), Key::new(goal, &[0.1; 3])]);
+        c.length = goal + 1;
+        let Op::KeysAdd(added) = &fixes(&c, Rule::BlindSpan)[0].fixes[0].op else { panic!() };
+        let frames: Vec<u32> = added.keys.iter().map(|k| k.frame).collect();
+        assert_eq!(frames, expected, "{goal}");
+    }
     let c = clip(vec![Key::new(0, &[0.0; 3]), Key::new(20, &[0.1; 3]).held(40)]);
     assert_eq!(rules(&c), [], "20 frames apart is in sight");
     let mut c = clip(dense(60, 0.0));

@@ -42,6 +42,7 @@ pub(super) fn check(draft: &mut Draft, model: &Arc<Model>) -> Result<(), Error> 
         (0..loads.len()).filter(like).map(|j| loads[j].without_drive().effort()).fold(0.0, f64::max)
     };
     let most = [most(false), most(true)];
+    let driven = (0..loads.len()).filter(|j| torque_limit(model, *j).is_some()).count();
     let (mut weak, mut absurd, mut rubbing) = (Vec::new(), Vec::new(), Vec::new());
     for (j, load) in loads.iter().enumerate() {
         let Some(limit) = torque_limit(model, j) else { continue };
@@ -59,29 +60,26 @@ pub(super) fn check(draft: &mut Draft, model: &Arc<Model>) -> Result<(), Error> 
     let mass: f64 = model.body_mass().iter().sum();
     if !weak.is_empty() {
         draft.warnings.push(format!(
-            "{} of {} motors cannot hold the robot of {mass:.1} kg up in most poses (N m or N): {}; check \
+            "the motors of {} of {driven} driven joints cannot hold the robot of {mass:.1} kg up in most poses (N m or N): {}; check \
              masses, units, and the motors' limits in the file",
             weak.len(),
-            model.nu(),
             list(model, weak)
         ));
     }
     if !rubbing.is_empty() {
         draft.warnings.push(format!(
-            "{} of {} motors are weaker than the dry friction of their joints and do not move them (N m or \
+            "the motors of {} of {driven} driven joints are weaker than dry friction and do not move them (N m or \
              N): {}; check friction and limits in the file",
             rubbing.len(),
-            model.nu(),
             list(model, rubbing)
         ));
     }
     if !absurd.is_empty() {
         draft.warnings.push(format!(
-            "{} of {} motors have more than {ABSURD} times the force with which any joint carries and moves \
+            "the motors of {} of {driven} driven joints have more than {ABSURD} times the force with which any joint carries and moves \
              this robot of {mass:.3} kg (N m or N): {}; if these limits are placeholders, write the real \
              ones into the file, because a drive that the file leaves out is modelled in proportion",
             absurd.len(),
-            model.nu(),
             list(model, absurd)
         ));
     }

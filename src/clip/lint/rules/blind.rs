@@ -55,13 +55,22 @@ impl Finder<'_> {
             }];
         }
         let mut fixes = Vec::new();
-        // A goal every 20 frames on the line to the next.
+        // Goals on the line to the next one, as few and as even as the window allows; in an open end
+        // every 20 frames.
         let first = after.unwrap_or(0);
+        let parts = (to - first).div_ceil(LOOKAHEAD_FRAMES);
+        let at = |i: u32| {
+            if to < self.command.frames() {
+                // Rounded to the nearest frame, which leaves no part longer than the window.
+                first + (2 * i * (to - first) + parts) / (2 * parts)
+            } else {
+                first + i * LOOKAHEAD_FRAMES
+            }
+        };
         let end = if to < self.command.frames() { to } else { first };
         let wanted = |j| self.command.sees(end, j) || self.command.next_goal(end, j).is_some();
-        let keys: Vec<Key> = (1..)
-            .map(|i| first + i * LOOKAHEAD_FRAMES)
-            .take_while(|f| *f < to)
+        let keys: Vec<Key> = (1..parts)
+            .map(at)
             .filter(|f| clip.key(*f).is_none())
             .take(limits::CLIP_KEYS.saturating_sub(clip.keys.len()))
             .map(|f| {

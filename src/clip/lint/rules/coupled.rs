@@ -48,11 +48,20 @@ impl Finder<'_> {
             level: Level::Warning,
             rule: Rule::Coupled,
             message: format!(
-                "{}: {} share {} and cannot be {:.3} apart",
+                "{}: {}",
                 place.who(),
-                joints.join(" and "),
-                coupling.name,
-                hi - lo
+                if shared.iter().all(|s| (s.0.coef, s.0.offset) == (1.0, 0.0)) {
+                    let joints = joints.join(" and ");
+                    format!("{joints} share {} and cannot be {:.3} apart", coupling.name, hi - lo)
+                } else {
+                    let way = even.iter().map(|(joint, _, q)| format!("{joint} {q:.3}"));
+                    format!(
+                        "{} move together by {}; nearest to these goals are {}",
+                        joints.join(" and "),
+                        coupling.name,
+                        way.collect::<Vec<_>>().join(" and ")
+                    )
+                }
             ),
             frames: place.span(),
             joints,
