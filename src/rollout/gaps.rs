@@ -1,8 +1,8 @@
 //! The quality of the motion inside gaps. Gaps have no goals, so Precision does not measure them,
 //! but a person sees a detour, an overshoot or a jolt at once.
 //!
-//! A gap is a run of frames without any goal between two frames with one (frame 0, the start,
-//! counts as one). It concerns the joints that have a goal at both ends. Its figures compare the
+//! A gap is a run of frames without a goal of a joint between two frames with one (frame 0, the
+//! start, counts as one). Joints whose gaps have the same ends share a gap. Its figures compare the
 //! reached motion with the simplest one between the same ends:
 //!
 //! - *path*: length of the path in joint space divided by the straight line between the states
@@ -19,6 +19,8 @@
 //!
 //! Path and jerk are measured only if the two ends are at least [`MOVES`] apart; below that both
 //! are noise.
+
+use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
@@ -95,7 +97,7 @@ pub struct GapFigures {
     pub to_cubic: Option<f64>,
 }
 
-/// One gap: frames `from` and `to` have goals, those between have none.
+/// One gap: these joints have goals at frames `from` and `to`, and none between.
 struct Gap {
     from: usize,
     to: usize,
@@ -179,22 +181,19 @@ fn mean_and_worst(
     (Some(mean), Some(Worst { value, joint, frame: gap.from }))
 }
 
-/// The gaps within the first `frames` frames.
+/// The gaps within the first `frames` frames, in order.
 fn gaps(goals: &Goals, frames: usize) -> Vec<Gap> {
-    let has = |f: usize, j: usize| f == 0 || goals.is_visible(f, j);
-    let mut found = Vec::new();
-    let mut from = 0;
-    for to in 1..frames {
-        if !goals.any_visible(to) {
-            continue;
+    let mut found = BTreeMap::<(usize, usize), Vec<usize>>::new();
+    for j in 0..goals.dim() {
+        let mut from = 0;
+        for to in (1..frames).filter(|&to| goals.is_visible(to, j)) {
+            if to > from + 1 {
+                found.entry((from, to)).or_default().push(j);
+            }
+            from = to;
         }
-        let joints: Vec<usize> = (0..goals.dim()).filter(|&j| has(from, j) && has(to, j)).collect();
-        if to > from + 1 && !joints.is_empty() {
-            found.push(Gap { from, to, joints });
-        }
-        from = to;
     }
-    found
+    found.into_iter().map(|((from, to), joints)| Gap { from, to, joints }).collect()
 }
 
 /// For each joint that leaves its allowance, the largest overshoot: (excess over the allowance,
@@ -478,20 +477,42 @@ mod tests {
     #[test]
     fn a_gap_concerns_the_joints_with_a_goal_at_both_ends() {
         let keys: [(usize, &[Option<f64>]); 3] =
-            [(0, &[Some(0.0), Some(0.0)]), (10, &[Some(1.0), None]), (20, &[None, Some(1.0)])];
+            [(0, &[Some(0.0), Some(0.0)]), (10, &[Some(1.0), None]), (20, &[Some(2.0), None])];
         let g = goals(2, 21, &keys);
         let mut path = Vec::new();
         for f in 0..21 {
-            // The second joint swings wildly where it has no goals.
+            // The second joint swings wildly after its last goal.
             path.extend([f64::from(f) / 10.0, if f % 2 == 0 { 0.0 } else { 5.0 }]);
         }
         let mut all = vec![0.0; 2 * HISTORY];
         all.extend(path);
         let names = ["a".to_owned(), "b".to_owned()];
         let found = GapFigures::measure(&g, &all, &names).unwrap();
-        // The second gap has no joint with goals at both ends.
-        assert_eq!((found.gaps, found.moves, found.overshoot), (1, 1, None));
+        assert_eq!((found.gaps, found.moves, found.overshoot), (2, 2, None));
         assert!((found.path.unwrap() - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_joint_that_is_keyed_more_rarely_has_its_own_gap() {
+        let only = |x: f64| [Some(x), None];
+        let keys =
+            [(0, [Some(0.0); 2]), (10, only(0.0)), (20, only(0.0)), (30, [Some(0.0), Some(1.0)])];
+        let keys: Vec<(usize, &[Option<f64>])> =
+            keys.iter().map(|(f, row)| (*f, &row[..])).collect();
+        // The second joint waits, and swings back and forth at the end.
+        let mut path = vec![0.0; 31 * 2];
+        for (f, x) in [(28, 1.3), (29, 0.2), (30, 1.0)] {
+            path[f * 2 + 1] = x;
+        }
+        let names = ["a".to_owned(), "b".to_owned()];
+        let states = [vec![0.0; HISTORY * 2], path].concat();
+        let found = GapFigures::measure(&goals(2, 31, &keys), &states, &names).unwrap();
+        // Three of the first joint, and one of the second from 0 to 30.
+        assert_eq!((found.gaps, found.moves), (4, 1));
+        let overshoot = found.overshoot.unwrap();
+        assert_eq!((overshoot.joint.as_str(), overshoot.frame), ("b", 28));
+        assert!((overshoot.value - 0.23).abs() < 1e-9, "{overshoot:?}");
+        assert!(found.jerk.unwrap() > 100.0 && found.path.unwrap() > 3.0);
     }
 
     #[test]
