@@ -147,7 +147,9 @@ fn limits_that_no_joint_needs_are_called_placeholders() {
     };
     let said = warned("10000");
     assert!(
-        said.contains("the motors of 1 of 2 driven joints have more than 100 times the force"),
+        said.contains(
+            "the motors of 1 of 2 joints with a torque limit have more than 100 times the force"
+        ),
         "{said}"
     );
     assert!(said.contains("\"turn\" has 10000 for "), "{said}");
@@ -669,7 +671,10 @@ fn motors_weaker_than_friction_and_motors_of_fingers_are_noticed() {
     };
     let stiff = GRIPPER.replace("friction=\".2\"", "friction=\"100\"");
     let said = notes(&import(&stiff), "warnings");
-    assert!(said.contains("1 of 2 driven joints are weaker than dry friction"), "{said}");
+    assert!(
+        said.contains("1 of 2 joints with a torque limit are weaker than dry friction"),
+        "{said}"
+    );
     assert!(said.contains("\"turn\" has 30 for 100"), "{said}");
     // A finger that needs some newtons does not get the motor of an arm.
     let light = GRIPPER.replace("effort=\"8\"", "").replace("value=\".1\"", "value=\".01\"");
@@ -677,6 +682,57 @@ fn motors_weaker_than_friction_and_motors_of_fingers_are_noticed() {
     let line = assumed.lines().find(|l| l.contains("joint \"grip\" gives no effort")).unwrap();
     let least: f64 = line.split("+-").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
     assert!(least < 10.0 && least > 1.0, "{line}");
+}
+
+#[test]
+fn the_drive_of_a_lift_leaves_force_beside_its_load() {
+    // 57 of 100 N carry the lift, and half of the follower's weight comes on top.
+    let mass = |kg: &str| {
+        format!(
+            "<inertial><mass value=\"{kg}\"/><inertia ixx=\".1\" iyy=\".1\" izz=\".1\" ixy=\"0\" ixz=\"0\" iyz=\"0\"/></inertial>"
+        )
+    };
+    let joint = |name: &str, more: &str| {
+        format!(
+            "<joint name=\"{name}\" type=\"prismatic\"><parent link=\"base\"/><child link=\"{name}_link\"/><axis xyz=\"0 0 1\"/><limit lower=\"0\" upper=\".7\" effort=\"100\" velocity=\".2\"/>{more}</joint>"
+        )
+    };
+    let urdf = |kg: &str| {
+        let follows = joint("torso", "<mimic joint=\"lift\" multiplier=\".5\"/>");
+        let (lift, own, other) = (joint("lift", ""), mass(kg), mass("6.1"));
+        // Without its drive this one would be too fast to be controlled.
+        let (light, least) = (joint("light", ""), mass(".1"));
+        format!(
+            "<robot name=\"r\"><link name=\"base\"/><link name=\"lift_link\">{own}</link><link name=\"torso_link\">{other}</link><link name=\"light_link\">{least}</link>{lift}{follows}{light}</robot>"
+        )
+    };
+    let import = |kg: &str| {
+        let ran = robert()
+            .file("l.urdf", urdf(kg))
+            .args(["import", "l.urdf", "--out", "bot", "--json"])
+            .succeeds();
+        notes(&ran.json(), "assumed")
+    };
+    let said = import("5.8");
+    assert!(said.contains("of 100, beside its load, spent at 0.200, as the file says"), "{said}");
+    assert!(import("1").contains("(100 spent at 0.200, as the file says)"));
+    // Hardly anything is left: the joint cannot be as fast as the file says.
+    let said = import("6.9");
+    assert!(
+        said.contains("beside its load, spent at 0.0") && said.contains("the file allows 0.2"),
+        "{said}"
+    );
+}
+
+#[test]
+fn the_folder_of_an_imported_robot_is_trained_in_place() {
+    let ran = robert()
+        .file("g.urdf", GRIPPER)
+        .args(["import", "g.urdf", "--out", "bot", "--without-meshes"])
+        .succeeds();
+    let dir = ran.path(".");
+    let (code, _, said) = call(&dir, &["new", "bot", "--out", "other", "--minutes", "0"]);
+    assert!(code == 2 && said.contains("robert new bot --out bot"), "{code} {said}");
 }
 
 #[test]

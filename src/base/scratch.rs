@@ -8,8 +8,8 @@ use rustix::fs::{FlockOperation, flock};
 
 use crate::fsio;
 
-/// A folder in the system's folder for temporary files, removed on drop. It is locked, so that
-/// [`fsio::sweep`] can tell it from one that a killed process has left.
+/// A folder in the system's folder for temporary files, removed on drop. It is locked where the file
+/// system allows it, so that [`fsio::sweep`] can tell it from one that a killed process has left.
 #[derive(Debug)]
 pub struct Scratch {
     folder: tempfile::TempDir,
@@ -30,7 +30,8 @@ impl Scratch {
         let prefix = format!("{}scratch-", fsio::TEMPORARY);
         let folder = tempfile::Builder::new().prefix(&prefix).tempdir_in(parent)?;
         let lock = File::open(folder.path())?;
-        flock(&lock, FlockOperation::NonBlockingLockExclusive)?;
+        // Without a lock it may be swept once nothing has been written into it for a day.
+        flock(&lock, FlockOperation::NonBlockingLockExclusive).ok();
         Ok(Scratch { folder, _lock: lock })
     }
 

@@ -33,7 +33,7 @@ use crate::rollout::{
 };
 use crate::scratch::Scratch;
 use crate::train::evaluator::SuiteEvaluator;
-use crate::train::linear::Linear;
+use crate::train::fitted_ridge::FittedRidge;
 use crate::train::penalty;
 use crate::train::read_config;
 use crate::train::record::Record;
@@ -348,7 +348,7 @@ fn teach(
     global: Global,
 ) -> Outcome {
     // The network's skip is the policy that was fitted before.
-    let linear = Linear::of(checkpoint::load(&model_path(&places.instant), None)?);
+    let linear = FittedRidge::of(checkpoint::load(&model_path(&places.instant), None)?);
     let cfg = if places.run.join("config.toml").is_file() {
         read_config(&places.run)?
     } else {

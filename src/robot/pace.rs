@@ -13,7 +13,7 @@ use super::Error;
 use super::derive::{ctrlrange, tendon_joints, torque_limit};
 use super::golden::spread;
 use super::law::Law;
-use super::ties::{Tie, ties};
+use super::ties;
 use robert_mujoco::{Data, Joint, Model, Transmission, index};
 
 /// Poses beside the default one.
@@ -221,15 +221,15 @@ fn asked_at_most(model: &Model, joint: usize) -> f64 {
 
 /// The joint, and those coupled to it by a tendon or an equality.
 fn coupled(model: &Model, joint: usize) -> Vec<usize> {
-    let mut ties: Vec<Vec<usize>> = (0..model.ntendon())
+    let mut tied: Vec<Vec<usize>> = (0..model.ntendon())
         .map(|t| tendon_joints(model, t).into_iter().map(|(j, _)| j).collect())
         .collect();
-    ties.extend(crate::ties::ties(model).iter().map(|tie| vec![tie.follower, tie.leader]));
+    tied.extend(ties::ties(model).iter().map(|tie| vec![tie.follower, tie.leader]));
     let mut all = vec![joint];
     let mut next = 0;
     while let Some(&j) = all.get(next) {
         next += 1;
-        for tie in ties.iter().filter(|t| t.contains(&j)) {
+        for tie in tied.iter().filter(|t| t.contains(&j)) {
             for other in tie {
                 if !all.contains(other) {
                     all.push(*other);
@@ -265,21 +265,9 @@ fn start(model: &Model, joint: usize, k: usize, up: bool) -> Option<Vec<f64>> {
             qpos[at] = qpos[at].clamp(lo, hi);
         }
     }
-    follow(model, joint, &mut qpos);
+    // Otherwise ties would throw the joint about, and its speed would not be that of its motors.
+    ties::place(model, joint, &mut qpos);
     qpos.iter().all(|q| q.is_finite()).then_some(qpos)
-}
-
-/// Puts the joints that an equality ties to `joint` where it leads them. Otherwise the equality would
-/// throw the joint about, and its speed would not be that of its motors.
-fn follow(model: &Model, joint: usize, qpos: &mut [f64]) {
-    let at = |j: usize| model.jnt_qposadr()[j] as usize;
-    for Tie { follower, leader, polynomial } in ties(model) {
-        if leader == joint {
-            let way = qpos[at(leader)] - model.qpos0()[at(leader)];
-            let led = polynomial.iter().rev().fold(0.0, |sum, c| sum * way + c);
-            qpos[at(follower)] = model.qpos0()[at(follower)] + led;
-        }
-    }
 }
 
 /// Controls that drive a degree of freedom with the full force of its motors; `None` without a

@@ -67,9 +67,10 @@ impl Robot {
         let mut drive = Drive::new(self, start, target)?;
         let mut steps = |data: &mut Data, frames: u32| -> Result<(), Error> {
             for _ in 0..frames {
-                drive.see(data)?;
+                // It takes a singular value decomposition, and hardly changes within a frame.
+                let transmission = drive.transmission(data)?;
                 for _ in 0..SUBSTEPS {
-                    let ctrl = drive.ctrl(self, data)?;
+                    let ctrl = drive.ctrl(self, data, transmission.as_ref())?;
                     data.set_ctrl(&ctrl)?;
                     data.step(1)?;
                 }
@@ -127,8 +128,6 @@ struct Drive {
     laws: Vec<Option<Law>>,
     limit: Vec<[f64; 2]>,
     loops: Option<Loops>,
-    /// What the loops transmit at the last pose that was seen.
-    transmission: Option<Transmission>,
 }
 
 impl Drive {
@@ -142,31 +141,23 @@ impl Drive {
             .map(|(way, joint)| joint.speed_limit.max(way / half) * robot.model().timestep())
             .collect();
         let loops = Loops::of(robot)?;
-        Ok(Drive {
-            target: target.to_vec(),
-            place: start.to_vec(),
-            pace,
-            laws,
-            limit,
-            loops,
-            transmission: None,
-        })
+        Ok(Drive { target: target.to_vec(), place: start.to_vec(), pace, laws, limit, loops })
     }
 
-    /// Looks at the pose once a frame: it takes a singular value decomposition to know what loops
-    /// transmit, and they transmit nearly the same for the length of a frame.
-    fn see(&mut self, data: &Data) -> Result<(), Error> {
-        self.transmission = match &mut self.loops {
-            Some(loops) => Some(loops.at(data.qpos())?),
-            None => None,
-        };
-        Ok(())
+    /// What loops transmit at this pose; `None` without loops.
+    fn transmission(&mut self, data: &Data) -> Result<Option<Transmission>, Error> {
+        self.loops.as_mut().map(|loops| loops.at(data.qpos())).transpose()
     }
 
     /// The controls whose joint forces are nearest (least squares) to the wanted ones. A position
     /// servo is commanded to the length that it has at the joints' places on the way, corrected for
     /// the deflection by its load.
-    fn ctrl(&mut self, robot: &Robot, data: &Data) -> Result<Vec<f64>, Error> {
+    fn ctrl(
+        &mut self,
+        robot: &Robot,
+        data: &Data,
+        transmission: Option<&Transmission>,
+    ) -> Result<Vec<f64>, Error> {
         let model: &Model = robot.model();
         let (nu, nv) = (model.nu(), model.nv());
         let settle = &robot.profile().settle;
@@ -183,7 +174,7 @@ impl Drive {
             brake[joint.dofadr] = -settle.kd[i] * v;
             pull[joint.dofadr] = settle.kp[i] * (self.target[i] - q) + brake[joint.dofadr];
         }
-        if let Some(transmission) = &self.transmission {
+        if let Some(transmission) = transmission {
             for torque in [&mut load, &mut pull, &mut brake] {
                 transmission.apply(torque.as_mut_slice());
             }

@@ -227,14 +227,14 @@ pub struct Window {
     pub current: Vec<f64>,
     /// Goals of t+1 ..= t+20; meaningless where masked; (20, dim).
     pub command: Vec<f64>,
-    /// Whether each goal counts; (20, dim).
+    /// Whether each goal counts, that of the last frame also for a joint that is `passing`; (20, dim).
     pub visible: Vec<bool>,
-    /// The value at the end of the window for a joint without a goal inside it: the point on the
+    /// The value at the end of the window for a joint without a goal of its own inside it: the point on the
     /// line to its next goal, or the last goal if there is no next one; (dim).
     pub end: Vec<f64>,
     /// Joints without a goal in the window or after it; (dim).
     pub free: Vec<bool>,
-    /// Joints without a goal in the window that have one after it; (dim).
+    /// Joints without a goal of their own in the window that have one after it; (dim).
     pub passing: Vec<bool>,
 }
 
@@ -273,7 +273,8 @@ impl Window {
         goals.show(t, self);
     }
 
-    /// First visible command index for joint `j` (0 is frame t+1), with its goal.
+    /// First visible command index for joint `j` (0 is frame t+1), with its goal or, at the far end, the
+    /// point on the way to it.
     pub fn next_goal(&self, j: usize) -> Option<(usize, f64)> {
         (0..COMMAND)
             .find(|&i| self.visible[i * self.dim + j])
@@ -326,7 +327,14 @@ impl Window {
         filled.guide_linear();
         for i in frames {
             let rows = i * d..(i + 1) * d;
-            self.command[rows.clone()].copy_from_slice(&filled.command[rows.clone()]);
+            if i == COMMAND - 1 {
+                // Beyond the last goal in sight a joint is on the way to its next one.
+                for (j, at) in rows.clone().enumerate().filter(|(_, at)| !self.visible[*at]) {
+                    self.command[at] = self.end[j];
+                }
+            } else {
+                self.command[rows.clone()].copy_from_slice(&filled.command[rows.clone()]);
+            }
             self.visible[rows].fill(true);
         }
     }
@@ -427,6 +435,26 @@ mod tests {
         assert_eq!(at(45, &mut w), Some((14, 3.0)));
         // After its last goal it is free.
         assert_eq!(at(60, &mut w), None);
+
+        // Whoever masks whole states gets a frame in which every joint is on its own way.
+        let rows = [(0, [0.0, 0.0], [true; 2]), (3, [0.0, 1.0], [false, true])];
+        let later = [(25, [0.0, 2.0], [false, true]), (100, [5.0, 2.0], [true; 2])];
+        let (mut q, mut visible) = (vec![0.0_f32; 202], vec![false; 202]);
+        for (f, row, seen) in rows.into_iter().chain(later) {
+            q[f * 2..f * 2 + 2].copy_from_slice(&row);
+            visible[f * 2..f * 2 + 2].copy_from_slice(&seen);
+        }
+        let names = vec!["a".into(), "b".into()];
+        let command = Command::from_dense(names, vec![0.0; 2], q, visible).unwrap();
+        w.fill(0, &vec![0.0; 2 * (HISTORY + 1)], &Goals::new(&command));
+        w.complete_partial_frames();
+        let last = [1.0, 1.0 + 17.0 / 22.0];
+        assert!(w.visible[38] && w.visible[39]);
+        assert!(
+            w.command[38..].iter().zip(last).all(|(a, b)| (a - b).abs() < 1e-6),
+            "{:?}",
+            &w.command[38..]
+        );
     }
 
     #[test]

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
+use super::fitted_ridge::FittedRidge;
 use super::hindsight::Perform;
-use super::linear::Linear;
 use super::metrics::{Evaluation, HeldOut};
 use robert_base::progress::{Cancel, Progress};
 use robert_net::{Engines, Model};
@@ -56,7 +56,7 @@ pub struct Options<'a> {
     /// Opens the engine that computes the steps; without it the processor does.
     pub engines: Option<&'a dyn Engines>,
     /// A linear prediction that may be the one that the run would fit.
-    pub linear: Option<&'a Linear>,
+    pub linear: Option<&'a FittedRidge>,
     /// Further content of meta.json (version, host, command line).
     pub meta: serde_json::Value,
 }

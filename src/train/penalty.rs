@@ -6,7 +6,7 @@
 //! spoil the map on some robots, and on others they are merely fast. Only simulation shows what is
 //! best, so the candidates perform the evaluator's clips.
 
-use super::linear::{Linear, ridge_config};
+use super::fitted_ridge::{FittedRidge, ridge_config};
 use super::prepare::{Side, assemble, tokeniser};
 use super::pressing::Pressing;
 use super::{Error, Evaluate, TrainConfig};
@@ -54,7 +54,7 @@ pub fn choose(
     evaluator: &mut dyn Evaluate,
     progress: &dyn Progress,
     cancel: &Cancel,
-) -> Result<(TrainConfig, Option<Linear>), Error> {
+) -> Result<(TrainConfig, Option<FittedRidge>), Error> {
     if cfg.skip == SkipKind::Off {
         return Ok((cfg.clone(), None));
     }
@@ -106,7 +106,7 @@ pub fn choose(
         }
     }
     let cfg = best.0.on(cfg.clone());
-    let linear = best.2.map(|ridge| Linear::new(data, &cfg, tokens, ridge));
+    let linear = best.2.map(|ridge| FittedRidge::new(data, &cfg, tokens, ridge));
     Ok((cfg, linear))
 }
 

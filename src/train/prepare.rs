@@ -1,7 +1,7 @@
 //! Prepares a network for training from a dataset and settings: normaliser, linear fit and action
 //! centres, all from the training split alone.
 
-use super::linear::{Linear, ridge_config};
+use super::fitted_ridge::{FittedRidge, ridge_config};
 use super::pressing::Pressing;
 use super::{Error, TrainConfig};
 use robert_base::json;
@@ -77,7 +77,7 @@ impl Episodes for Side<'_> {
 pub fn prepare(
     data: &Dataset,
     cfg: &TrainConfig,
-    linear: Option<&Linear>,
+    linear: Option<&FittedRidge>,
     threads: usize,
     cancel: &Cancel,
 ) -> Result<(Card, Net<f32>, Encoder), Error> {

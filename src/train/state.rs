@@ -44,7 +44,7 @@ impl<'a> RunState<'a> {
         let (_, power) = normaliser(data, cfg.seed);
         let (dir, last) = (&opts.dir, paths::last(&opts.dir));
         if !last.exists() {
-            opts.progress.log("fitting normaliser, linear prediction and action centres");
+            opts.progress.log("preparing normaliser, linear prediction and action centres");
             let (card, net, encoder) = prepare(data, cfg, opts.linear, opts.threads, opts.cancel)?;
             let text = toml::to_string(cfg)
                 .map_err(|e| Error::Run { why: e.to_string(), path: paths::config(dir) })?;

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::linear::Linear;
+use super::fitted_ridge::FittedRidge;
 use super::*;
 use robert_base::progress::{Cancel, Progress, Silent};
 use robert_base::rng::{Rng, Stream};
@@ -497,7 +497,9 @@ fn a_fit_is_taken_over_only_where_it_is_the_same() {
     train(&data, &cfg, options(&run, 2, &cancel, &Silent)).unwrap();
     let model = checkpoint::load(&paths::last(&run), None).unwrap();
     let weights = model.encoder.ridge.as_ref().unwrap().weights().to_vec();
-    let linear = Linear::of(model).unwrap();
+    let (_, _, fresh) = prepare::prepare(&data, &cfg, None, 1, &cancel).unwrap();
+    assert_eq!(fresh.ridge.unwrap().weights(), weights, "the file has them in full");
+    let linear = FittedRidge::of(model).unwrap();
     let of =
         |cfg: &TrainConfig| linear.suiting(&data, cfg, &prepare::tokeniser(&data, cfg).unwrap());
     assert_eq!(of(&cfg).unwrap().weights(), weights);
@@ -516,7 +518,7 @@ fn a_fit_is_taken_over_only_where_it_is_the_same() {
     let changed: Vec<f32> = weights.iter().map(|w| 2.0 * w).collect();
     let tokens = prepare::tokeniser(&data, &cfg).unwrap();
     let changed = Ridge::new(tokens.ridge_inputs(), tokens.facts().actions, changed).unwrap();
-    let given = Linear::new(&data, &cfg, tokens, changed.clone());
+    let given = FittedRidge::new(&data, &cfg, tokens, changed.clone());
     let (_, _, encoder) = prepare::prepare(&data, &cfg, Some(&given), 2, &cancel).unwrap();
     assert_eq!(encoder.ridge.unwrap().weights(), changed.weights());
 }

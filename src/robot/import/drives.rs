@@ -42,9 +42,10 @@ const CROSSING_SECS: f64 = 0.5;
 /// m/s, and of wheels, which are faster.
 const PLACEHOLDER: f64 = 40.0;
 const PLACEHOLDER_OF_WHEEL: f64 = 1000.0;
-/// The share of its torque limit from which a motor's load counts, and the most that counts.
+/// The share of its torque limit from which a motor's load counts.
 const MOST: f64 = 0.5;
-const HEAVIEST: f64 = 0.9;
+/// The share of its torque limit for which the damping is made at least, whatever the load is.
+const LEAST_LEFT: f64 = 0.1;
 /// The number of digits that are written.
 const DIGITS: i32 = 4;
 
@@ -141,13 +142,13 @@ fn missing(
     // A drive for the stronger direction would leave the joint hardly any speed in the other one.
     let weaker = weaker_torque(model, id).unwrap_or(torque);
     let carries_most = named.is_some() && weight > MOST * weaker && weight < weaker;
-    let load = if carries_most { weight.min(HEAVIEST * weaker) } else { 0.0 };
-    let left = weaker - load;
+    let load = if carries_most { weight } else { 0.0 };
+    let left = (weaker - load).max(LEAST_LEFT * weaker);
     let damping_of_drive = digits(damping.max(left / speed).max(torque / FREE_SPEED), DIGITS);
     Some(Drive {
         armature: digits(armature.max(ROTOR * weaker), DIGITS),
         damping: damping_of_drive,
-        speed: left / damping_of_drive,
+        speed: (weaker - load) / damping_of_drive,
         allowed: named,
         placeholder,
         torque: weaker,

@@ -6,10 +6,10 @@ use crate::Error;
 use crate::derive::digits;
 use robert_mujoco::{Joint, Model, Transmission};
 
-/// The most that a motor gets that carries nothing, N m or N.
+/// The limit of a motor that carries nothing, N m or N.
 const LEAST: f64 = 10.0;
-/// Such a motor gets at most this many times what the most loaded joint of its kind needs: a finger
-/// does not get the motor of an arm.
+/// It is lowered to this many times what the most loaded joint of its kind needs: a finger does not
+/// get the motor of an arm.
 const OF_MOST: f64 = 20.0;
 
 /// Forces for the motors of a model, N m or N.

@@ -7,7 +7,7 @@ use super::draft::Draft;
 use crate::Error;
 use crate::derive::{digits, torque_limit};
 use crate::golden::spread_model;
-use crate::ties::{Tie, ties};
+use crate::ties::{carried, ties};
 use robert_mujoco::{Data, Joint, Kind, Model};
 
 /// Poses beside the default one.
@@ -49,7 +49,7 @@ pub(super) fn check(draft: &mut Draft, model: &Arc<Model>) -> Result<(), Error> 
         let median = load.usual_weight();
         let most = most[usize::from(model.joint_type(j) == Some(Joint::Slide))];
         let friction = model.dof_frictionloss()[model.jnt_dofadr()[j] as usize];
-        if friction >= limit {
+        if friction > 0.0 && friction >= limit {
             rubbing.push(Unfit { joint: j, asked: friction, limit });
         } else if median > limit {
             weak.push(Unfit { joint: j, asked: median, limit });
@@ -60,24 +60,24 @@ pub(super) fn check(draft: &mut Draft, model: &Arc<Model>) -> Result<(), Error> 
     let mass: f64 = model.body_mass().iter().sum();
     if !weak.is_empty() {
         draft.warnings.push(format!(
-            "the motors of {} of {driven} driven joints cannot hold the robot of {mass:.1} kg up in most poses (N m or N): {}; check \
-             masses, units, and the motors' limits in the file",
+            "the motors of {} of {driven} joints with a torque limit cannot hold the robot of {mass:.1} kg up in \
+             most poses (N m or N): {}; check masses, units, and the motors' limits in the file",
             weak.len(),
             list(model, weak)
         ));
     }
     if !rubbing.is_empty() {
         draft.warnings.push(format!(
-            "the motors of {} of {driven} driven joints are weaker than dry friction and do not move them (N m or \
-             N): {}; check friction and limits in the file",
+            "the motors of {} of {driven} joints with a torque limit are weaker than dry friction and do not move \
+             them (N m or N): {}; check friction and limits in the file",
             rubbing.len(),
             list(model, rubbing)
         ));
     }
     if !absurd.is_empty() {
         draft.warnings.push(format!(
-            "the motors of {} of {driven} driven joints have more than {ABSURD} times the force with which any joint carries and moves \
-             this robot of {mass:.3} kg (N m or N): {}; if these limits are placeholders, write the real \
+            "the motors of {} of {driven} joints with a torque limit have more than {ABSURD} times the force with \
+             which any joint carries and moves this robot of {mass:.3} kg (N m or N): {}; if these limits are placeholders, write the real \
              ones into the file, because a drive that the file leaves out is modelled in proportion",
             absurd.len(),
             list(model, absurd)
@@ -96,7 +96,8 @@ struct Unfit {
 
 /// The worst of them in words.
 fn list(model: &Model, mut unfit: Vec<Unfit>) -> String {
-    let off = |u: &Unfit| (u.asked / u.limit).ln().abs();
+    // A limit of 0 is the worst.
+    let off = |u: &Unfit| (u.asked / u.limit.max(f64::MIN_POSITIVE)).ln().abs();
     unfit.sort_by(|a, b| off(b).total_cmp(&off(a)));
     let named = unfit.iter().take(NAMED).map(|u| {
         let name = model.name(Kind::Joint, u.joint).unwrap_or_default();
@@ -149,6 +150,7 @@ pub(super) fn loads(model: &Model) -> Result<Vec<Load>, Error> {
     let mut data = Data::new(&Arc::new(free))?;
     let joints = model.jnt_type().len();
     let mut loads = vec![Load::default(); joints];
+    let ties = ties(model);
     let mut mass = vec![0.0; model.nv() * model.nv()];
     for k in 0..=POSES {
         let qpos = match k {
@@ -162,10 +164,11 @@ pub(super) fn loads(model: &Model) -> Result<Vec<Load>, Error> {
         let dofs = model.jnt_dofadr().iter().map(|dof| *dof as usize);
         let mut held: Vec<f64> =
             dofs.map(|dof| data.qfrc_bias()[dof] - data.qfrc_passive()[dof]).collect();
-        // A motor carries what follows its joint, too.
+        // A motor carries what moves with its joint, too.
         let alone = held.clone();
-        for Tie { follower, leader, polynomial } in ties(model) {
-            held[leader] += polynomial[1] * alone[follower];
+        for (j, held) in held.iter_mut().enumerate() {
+            let with = carried(&ties, j);
+            *held += with.iter().map(|(other, slope)| slope * alone[*other]).sum::<f64>();
         }
         for (j, load) in loads.iter_mut().enumerate() {
             let dof = model.jnt_dofadr()[j] as usize;

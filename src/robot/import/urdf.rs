@@ -27,8 +27,8 @@ const ARMATURE: f64 = 0.01;
 const ARMATURE_OF_LIMIT: f64 = 0.003;
 /// Mass and inertia of moving links that have neither inertia nor collision shapes.
 const GHOST: (f64, f64) = (1e-3, 1e-6);
-/// A principal moment below this is none, kg m^2: the simulator would refuse the link.
-const LEAST_MOMENT: f64 = 1e-12;
+/// The simulator takes a principal moment below this for none, kg m^2.
+const LEAST_MOMENT: f64 = 1e-14;
 
 /// Colour of what has none.
 const PLAIN: [f64; 4] = [0.7, 0.7, 0.72, 1.0];
@@ -128,6 +128,9 @@ impl<'a> Tree<'a> {
         self.welded = self.config.weld.iter().map(String::as_str).collect();
         loop {
             let follows = |j: &&Joint| {
+                if matches!(j.joint_type, JointType::Fixed) {
+                    return false;
+                }
                 let leader = j.mimic.as_ref().map(|m| m.joint.as_str());
                 leader.is_some_and(|l| self.welded.contains(l))
                     && !self.welded.contains(j.name.as_str())
@@ -143,10 +146,6 @@ impl<'a> Tree<'a> {
                 );
                 return Err(self.refuse_joint(j, &message));
             }
-            self.draft.changed.push(format!(
-                "joint \"{}\" is welded with \"{leader}\", which it follows",
-                j.name
-            ));
             self.welded.insert(&j.name);
         }
     }
@@ -277,10 +276,12 @@ impl<'a> Tree<'a> {
         let [x, y, z] = i.origin.xyz;
         let values = if broken {
             let mean = (sum / 3.0).max(1e-9);
-            self.draft.changed.push(format!(
-                "link \"{}\": no body can have its inertia; made round with the same trace",
-                link.name
-            ));
+            let why = if lo > 0.0 && lo < LEAST_MOMENT {
+                format!("its inertia is less than the simulator takes; {mean} kg m^2 instead")
+            } else {
+                "no body can have its inertia; made round with the same trace".to_owned()
+            };
+            self.draft.changed.push(format!("link \"{}\": {why}", link.name));
             format!("diaginertia=\"{mean} {mean} {mean}\"")
         } else {
             let [a, b, c] = [m[(0, 1)], m[(0, 2)], m[(1, 2)]];
@@ -293,10 +294,14 @@ impl<'a> Tree<'a> {
     fn joint(&mut self, j: &Joint, pad: &str) -> Result<(), Error> {
         if self.welded.contains(j.name.as_str()) {
             let led = j.mimic.as_ref().map(|m| m.joint.as_str());
-            let apart = led
-                .filter(|l| !self.welded.contains(l))
-                .map_or_else(String::new, |leader| format!(", and no longer follows \"{leader}\""));
-            self.draft.changed.push(format!("joint \"{}\" is welded at its zero{apart}", j.name));
+            let how = match led {
+                Some(leader) if self.welded.contains(leader) => {
+                    format!("with \"{leader}\", which it follows")
+                }
+                Some(leader) => format!("at its zero, and no longer follows \"{leader}\""),
+                None => "at its zero".to_owned(),
+            };
+            self.draft.changed.push(format!("joint \"{}\" is welded {how}", j.name));
             return Ok(());
         }
         let kind = match j.joint_type {
@@ -502,7 +507,7 @@ impl<'a> Tree<'a> {
                 return Ok(Vec::new());
             }
             Err(why) => {
-                let way = "mend the file, or leave out what cannot be read: --without-meshes";
+                let way = "find or mend the file, or leave out what is missing: --without-meshes";
                 return Err(self.refuse_mesh(filename, &format!("{why}; {way}")));
             }
         };

@@ -56,9 +56,8 @@ impl Finder<'_> {
                 } else {
                     let way = even.iter().map(|(joint, _, q)| format!("{joint} {q:.3}"));
                     format!(
-                        "{} move together by {}; nearest to these goals are {}",
+                        "{} move together and cannot meet these goals at once; together they could be {}",
                         joints.join(" and "),
-                        coupling.name,
                         way.collect::<Vec<_>>().join(" and ")
                     )
                 }

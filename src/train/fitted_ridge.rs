@@ -11,7 +11,7 @@ use robert_net::{Model, Ridge, SkipKind, Tokeniser};
 
 /// A fitted linear prediction.
 #[derive(Clone, Debug)]
-pub struct Linear {
+pub struct FittedRidge {
     dataset_sha256: String,
     tokens: Tokeniser,
     fit: RidgeConfig,
@@ -19,10 +19,10 @@ pub struct Linear {
     ridge: Ridge,
 }
 
-impl Linear {
+impl FittedRidge {
     /// `ridge` with `tokens`, fitted to this data with these settings.
     pub(super) fn new(data: &Dataset, cfg: &TrainConfig, tokens: Tokeniser, ridge: Ridge) -> Self {
-        Linear {
+        FittedRidge {
             dataset_sha256: data.manifest().sha256(),
             fit: ridge_config(cfg, &tokens),
             leave_pressing: cfg.leave_pressing,
@@ -35,7 +35,7 @@ impl Linear {
     pub fn of(model: Model) -> Option<Self> {
         let training = model.card.training;
         let cfg: TrainConfig = serde_json::from_value(training.config).ok()?;
-        Some(Linear {
+        Some(FittedRidge {
             dataset_sha256: training.dataset_sha256,
             fit: ridge_config(&cfg, &model.encoder.tokens),
             leave_pressing: cfg.leave_pressing,
