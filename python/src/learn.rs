@@ -180,6 +180,7 @@ pub(crate) fn train(
             cancel,
             perform: Some(&mut perform),
             engines: None,
+            linear: None,
             evaluator: evaluator.as_mut().map(|j| j as &mut dyn Evaluate),
             meta: serde_json::json!({"version": env!("CARGO_PKG_VERSION"), "threads": threads}),
         };
