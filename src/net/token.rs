@@ -176,6 +176,8 @@ pub struct Scratch {
     /// Whether any joint of a frame is visible, and frames to the next such frame.
     seen: [bool; WINDOW],
     next: [u8; WINDOW],
+    /// First frame that was read; what lies before it is of an earlier window.
+    first: usize,
 }
 
 impl Tokeniser {
@@ -286,6 +288,7 @@ impl Tokeniser {
             left: vec![0; n],
             seen: [true; WINDOW],
             next: [0; WINDOW],
+            first: 0,
         }
     }
 
@@ -306,6 +309,7 @@ impl Tokeniser {
         scratch: &mut Scratch,
     ) {
         let s = self.state();
+        scratch.first = first;
         for j in 0..s {
             self.fill_joint(j, first, q, visible, scratch);
         }
@@ -405,6 +409,8 @@ impl Tokeniser {
 
     /// Features of the linear fit for one frame; `to` has [`Tokeniser::ridge_inputs`] places.
     pub fn ridge_features(&self, scratch: &Scratch, frame: usize, to: &mut [f32]) {
+        let known = scratch.first == 0 || frame >= scratch.first + self.cfg.ridge_history;
+        assert!(known, "frame {frame} was not read");
         let (s, p) = (self.state(), self.profile_len());
         let (base, rest) = to.split_at_mut(3 * s);
         for j in 0..s {

@@ -3,7 +3,7 @@
 use robert_mujoco::Model;
 
 /// `mjEQ_JOINT`.
-const EQ_JOINT: i32 = 2;
+pub(super) const EQ_JOINT: i32 = 2;
 
 /// A joint that follows another.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -213,9 +213,8 @@ fn slide_ranges(
 
 /// Whether an equality ties the joint to another one.
 fn follows(model: &Model, joint: usize) -> bool {
-    const EQ_JOINT: i32 = 2; // mjEQ_JOINT
     (0..model.neq()).any(|e| {
-        model.eq_type().get(e) == Some(&EQ_JOINT)
+        model.eq_type().get(e) == Some(&crate::ties::EQ_JOINT)
             && model.eq_obj1id().get(e).and_then(|v| usize::try_from(*v).ok()) == Some(joint)
     })
 }

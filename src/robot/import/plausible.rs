@@ -77,8 +77,9 @@ pub(super) fn check(draft: &mut Draft, model: &Arc<Model>) -> Result<(), Error> 
     if !absurd.is_empty() {
         draft.warnings.push(format!(
             "the motors of {} of {driven} joints with a torque limit have more than {ABSURD} times the force with \
-             which any joint carries and moves this robot of {mass:.3} kg (N m or N): {}; if these limits are placeholders, write the real \
-             ones into the file, because a drive that the file leaves out is modelled in proportion",
+             which any joint carries and moves this robot of {mass:.3} kg (N m or N): {}; if these limits are \
+             placeholders, write the real ones into the file, because a drive that the file leaves out is \
+             modelled in proportion",
             absurd.len(),
             list(model, absurd)
         ));
