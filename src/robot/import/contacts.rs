@@ -15,14 +15,14 @@ use robert_base::rng::{Rng, Stream};
 use robert_mujoco::{Data, Geom, Joint, Kind, Model, index};
 
 /// Poses that are drawn to find pairs of bodies that touch in most of them.
-const POSES: u64 = 60;
+const POSES: u64 = 120;
 /// Pairs of geoms that are tested in these poses at most; a model with many pairs gets fewer poses.
 const POSE_PAIRS: usize = 4_000_000;
-/// Share of those poses in which a pair must touch to be excluded. Bodies that meet so often touch
-/// only with the convex hulls of their meshes, not with their surfaces. Fingers of a gripper are an
-/// example, because a hull fills the hollow between them (seen at 0.8; fingers of hands stay below
-/// 0.2).
-const MOSTLY: f64 = 0.7;
+/// Pairs that touch in a larger share of those poses than the second value are excluded, and none
+/// that touch in a smaller share than the first. Bodies that meet so often touch only with the convex
+/// hulls of their meshes, not with their surfaces. Fingers of a gripper are an example, because a
+/// hull fills the hollow between them (seen at 0.8; fingers of hands stay below 0.2).
+const MOSTLY: [f64; 2] = [0.6, 0.8];
 /// The distance of joint anchors below which two joints count as one joint with several axes, m.
 const SAME_PLACE: f64 = 1e-3;
 
@@ -178,8 +178,20 @@ fn mostly_touching(model: &Arc<Model>, data: &mut Data) -> Result<Vec<(usize, us
             *hits.entry(pair).or_default() += 1;
         }
     }
-    let enough = (MOSTLY * poses as f64).ceil() as u64;
-    Ok(hits.into_iter().filter(|(_, n)| *n >= enough).map(|(p, _)| p).collect())
+    let share = |n: u64| n as f64 / poses.max(1) as f64;
+    let least = widest_gap(hits.values().map(|&n| share(n)));
+    Ok(hits.into_iter().filter(|(_, n)| share(*n) >= least).map(|(p, _)| p).collect())
+}
+
+/// The upper end of the widest gap between shares, within [`MOSTLY`]. Shares of a left and a right
+/// pair differ by chance; a limit between them would exclude one of the two.
+fn widest_gap(shares: impl Iterator<Item = f64>) -> f64 {
+    let [low, high] = MOSTLY;
+    let mut ends: Vec<f64> =
+        shares.filter(|s| (low..high).contains(s)).chain([low, high]).collect();
+    ends.sort_by(f64::total_cmp);
+    let gaps = ends.windows(2).map(|w| (w[1] - w[0], w[1]));
+    gaps.max_by(|a, b| a.0.total_cmp(&b.0)).map_or(high, |(_, upper)| upper)
 }
 
 #[cfg(test)]
@@ -196,5 +208,12 @@ mod tests {
         )
         .unwrap();
         assert_eq!(within_ranges(&model)[7..], [0.5, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn a_left_and_a_right_pair_are_on_the_same_side_of_the_limit() {
+        assert_eq!(widest_gap([0.1, 0.95].into_iter()), 0.8, "nothing between");
+        assert_eq!(widest_gap([0.1, 0.69, 0.71, 0.95].into_iter()), 0.69);
+        assert_eq!(widest_gap([0.61, 0.63, 0.95].into_iter()), 0.8);
     }
 }

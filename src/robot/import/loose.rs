@@ -6,7 +6,7 @@ use std::path::Path;
 use roxmltree::{Document, Node};
 
 use super::draft::Draft;
-use crate::text::Edits;
+use crate::text::{self, Edits};
 use crate::{Error, preparse};
 
 /// Sections whose entries refer to parts of bodies.
@@ -144,6 +144,39 @@ pub(super) fn floating<'a, 'd>(doc: &'a Document<'d>) -> Vec<Node<'a, 'd>> {
         says && n.parent().is_some_and(|p| p.has_tag_name("body"))
     };
     doc.descendants().filter(free).collect()
+}
+
+/// Whether an equality constraint ties the body of this free joint, or one that it carries, to
+/// another part of the model, as a platform is tied to its legs. Held still or left out, the loop
+/// would be lost.
+pub(super) fn closes_a_loop(doc: &Document<'_>, joint: Node<'_, '_>) -> bool {
+    let Some(body) = joint.parent() else { return false };
+    let carried: BTreeSet<&str> = body
+        .descendants()
+        .filter(|n| n.has_tag_name("body"))
+        .filter_map(|n| n.attribute("name"))
+        .collect();
+    doc.descendants().filter(is_entry).any(|entry| {
+        let ends = ["body1", "body2"].map(|end| entry.attribute(end).unwrap_or("world"));
+        let loops = entry.has_tag_name("connect") || entry.has_tag_name("weld");
+        loops && carried.contains(ends[0]) != carried.contains(ends[1])
+    })
+}
+
+/// Three slides and three hinges about the axes of the body, in place of a free joint. A free joint
+/// takes nothing from default classes, so neither do they.
+pub(super) fn six_joints(name: &str) -> String {
+    let name = text::escape(name);
+    let joint = |(part, kind, axis): (&str, &str, &str)| {
+        format!(
+            "<joint name=\"{name}_{part}\" type=\"{kind}\" axis=\"{axis}\" limited=\"false\" damping=\"0\" \
+             armature=\"0\" frictionloss=\"0\" stiffness=\"0\"/>"
+        )
+    };
+    let axes = [("x", "1 0 0"), ("y", "0 1 0"), ("z", "0 0 1")];
+    let slides = axes.map(|(part, axis)| (part, "slide", axis));
+    let hinges = [("roll", "1 0 0"), ("pitch", "0 1 0"), ("yaw", "0 0 1")];
+    slides.into_iter().chain(hinges.map(|(part, axis)| (part, "hinge", axis))).map(joint).collect()
 }
 
 /// The reason why a model with floating bodies is refused, and the solutions: remove loose objects,

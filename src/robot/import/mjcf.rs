@@ -141,7 +141,7 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
     if loosened || !config.weld.is_empty() {
         for key in doc.root_element().children().filter(|n| n.has_tag_name("keyframe")) {
             edits.replace(key.range(), blank(&named, key));
-            draft.dropped.push("keyframes: they count the coordinates that were taken away".into());
+            draft.dropped.push("keyframes: their qpos counts the joints that were replaced".into());
         }
     }
     let limits = autolimits(&doc);
@@ -329,8 +329,8 @@ fn names(doc: &Document<'_>, draft: &mut Draft, edits: &mut Edits) {
     }
 }
 
-/// Removes free joints if this was requested; otherwise they are an error. Returns whether any was
-/// removed.
+/// Replaces free joints of bodies that close a loop, and removes the others if this was requested;
+/// otherwise those are an error. Returns whether the number of coordinates changed.
 fn free_base(
     doc: &Document<'_>,
     path: &std::path::Path,
@@ -338,18 +338,27 @@ fn free_base(
     draft: &mut Draft,
     edits: &mut Edits,
 ) -> Result<bool, Error> {
-    let floating = loose::floating(doc);
-    if let Some(first) = floating.first()
+    let (tied, loose): (Vec<_>, Vec<_>) =
+        loose::floating(doc).into_iter().partition(|joint| loose::closes_a_loop(doc, *joint));
+    if let Some(first) = loose.first()
         && !config.fixed_base
     {
-        return Err(preparse::refuse(*first, path, loose::ways_out(&floating)));
+        return Err(preparse::refuse(*first, path, loose::ways_out(&loose)));
     }
-    let mut any = false;
-    for node in floating {
-        any = true;
-        edits.replace(node.range(), "");
-        let body = node.parent().and_then(|p| p.attribute("name")).unwrap_or("a body");
-        draft.changed.push(format!("\"{body}\" no longer floats: held where it is"));
+    let any = !tied.is_empty() || !loose.is_empty();
+    let body = |joint: &Node<'_, '_>| {
+        joint.parent().and_then(|p| p.attribute("name")).unwrap_or("a body").to_owned()
+    };
+    for joint in loose {
+        edits.replace(joint.range(), "");
+        draft.changed.push(format!("\"{}\" no longer floats: held where it is", body(&joint)));
+    }
+    for joint in tied {
+        edits.replace(joint.range(), loose::six_joints(joint.attribute("name").unwrap_or("free")));
+        draft.changed.push(format!(
+            "\"{}\" floats and closes a loop: its free joint is now three slides and three hinges",
+            body(&joint)
+        ));
     }
     Ok(any)
 }
