@@ -870,3 +870,64 @@ fn a_flat_mesh_is_taken_in_and_it_is_said() {
     assert!(warnings.contains("mesh plate.obj: its points were moved by up to"), "{warnings}");
     assert_eq!((v["files"].as_u64(), v["mass_kg"].as_f64()), (Some(1), Some(1.0)));
 }
+
+/// A platform on two legs that float at their ends: by bodies, or by sites as `MuJoCo` 3 writes it.
+fn platform(ties: &str, left: &str) -> String {
+    format!(
+        r#"<mujoco><compiler angle="radian"/><default><joint damping="1" armature=".01"/></default><worldbody>
+  <body name="plate" pos="0 0 .5"><freejoint name="free"/><geom type="box" size=".3 .1 .02" mass="1"/>
+    <site name="l1" pos="-.2 0 0"/><site name="r1" pos=".2 0 0"/></body>
+  <body name="left" pos="{left} 0 0"><joint name="a" type="slide" axis="0 0 1" range="-.1 .1" limited="true"/>
+    <geom type="capsule" fromto="0 0 0 0 0 .4" size=".02" mass=".3"/><site name="l2" pos="0 0 .5"/></body>
+  <body name="right" pos=".2 0 0"><joint name="b" type="slide" axis="0 0 1" range="-.1 .1" limited="true"/>
+    <geom type="capsule" fromto="0 0 0 0 0 .4" size=".02" mass=".3"/><site name="r2" pos="0 0 .5"/></body>
+  </worldbody><equality>
+{ties}</equality>
+  <actuator><motor joint="a" gear="40" ctrlrange="-1 1"/><motor joint="b" gear="40" ctrlrange="-1 1"/></actuator>
+  <keyframe><key name="up" qpos="0 0 .5 1 0 0 0 0 0"/></keyframe></mujoco>"#
+    )
+}
+
+#[test]
+fn a_platform_that_closes_a_loop_gets_six_joints() {
+    let bodies = r#"<connect body1="left" body2="plate" anchor="0 0 .5"/>
+<connect body1="right" body2="plate" anchor="0 0 .5"/>
+"#;
+    let sites = r#"<connect site1="l2" site2="l1"/>
+<connect site1="r2" site2="r1"/>
+"#;
+    let mut models = Vec::new();
+    for ties in [bodies, sites] {
+        let ran = robert().file("m.xml", &platform(ties, "-.2"));
+        let ran = ran.args(["import", "m.xml", "--out", "bot"]).succeeds();
+        let robot = Robot::from_folder(&ran.path("bot")).unwrap();
+        let names: Vec<&str> = robot.joints().iter().map(|j| j.name.as_str()).collect();
+        let six = ["free_x", "free_y", "free_z", "free_roll", "free_pitch", "free_yaw"];
+        assert_eq!(names, [&six[..], &["a", "b"]].concat());
+        let damping = robot.model().dof_damping();
+        assert!(damping[..6].iter().all(|d| *d == 0.0), "as a free joint: {damping:?}");
+        assert!(
+            ran.stdout.contains("closes a loop") && ran.stdout.contains("keyframes"),
+            "{}",
+            ran.stdout
+        );
+        models.push(robot);
+    }
+    // Both ways of writing the tie give the same robot.
+    let ends = |r: &Robot| {
+        let mut d = Data::new(r.model()).unwrap();
+        d.set_ctrl(&[0.3, 0.1]).unwrap();
+        d.step(40).unwrap();
+        d.qpos().to_vec()
+    };
+    let [a, b] = [ends(&models[0]), ends(&models[1])];
+    assert!(a.iter().zip(&b).all(|(x, y)| (x - y).abs() < 1e-9), "{a:?} {b:?}");
+
+    let ran = robert().file("m.xml", &platform(sites, "-.25"));
+    let ran = ran.args(["import", "m.xml", "--out", "bot"]).fails(3);
+    assert!(
+        ran.stderr.contains("50.0 mm apart") && ran.stderr.contains("m.xml:9:1"),
+        "{}",
+        ran.stderr
+    );
+}

@@ -37,4 +37,23 @@ fn a_file_becomes_a_policy_and_the_same_command_finds_it_again() {
     assert_eq!(again["precision"], first["precision"]);
     assert_eq!(again["kept"], first["kept"]);
     assert!(before == shards(dir), "collected again");
+
+    // A model that cannot be read is not a missing one: `auto` does not go on without it.
+    let clip = r#"{"format": "robert-clip/1", "fps": 20, "length": 21, "robot": {"id": "bot",
+        "joints": ["lift"], "units": ["rad"]}, "keys": [{"frame": 0, "hold": 21, "q": [0.3]}]}"#;
+    std::fs::write(dir.join("a.clip.json"), clip).unwrap();
+    let rollout = ["rollout", "a.clip.json", "--robot", "bot"];
+    assert_eq!(call(dir, &rollout).0, 0);
+    std::fs::write(dir.join("bot/models/robert.safetensors"), "torn").unwrap();
+    let (code, _, stderr) = call(dir, &rollout);
+    assert!(code == 3 && stderr.contains("robert.safetensors"), "{code} {stderr}");
+}
+
+#[test]
+fn a_wrong_preset_is_refused_before_any_work() {
+    let ran =
+        robert().file("arm.xml", ARM).args(["new", "arm.xml", "--out", "bot", "--preset", "hug"]);
+    let ran = ran.fails(2);
+    assert!(ran.stderr.contains("hug") && ran.stderr.contains("quick"), "{}", ran.stderr);
+    assert!(!ran.path("bot").exists());
 }

@@ -143,6 +143,10 @@ class Clip:
         q, seen, frames = self._native.command(self.robot._native if self._native.has_reach else None)
         return q.reshape(frames, -1), seen.reshape(frames, -1)
 
+    def start(self) -> NDArray[np.float32]:
+        """The pose before frame 0, (S,; rad or m): the clip's own, else that of its first goals."""
+        return self._native.start(self.robot._native if self._native.has_reach else None)
+
     def text(self) -> str:
         """The file's text."""
         return self._native.text()

@@ -10,6 +10,7 @@ from typing import Any, Optional, Union
 import numpy as np
 
 from . import _native
+from ._native import InvalidInput
 from .clip import Clip
 from .policy import LOOKAHEAD
 from .robot import Robot
@@ -53,13 +54,15 @@ class TrackEnv(_Base):
     ):
         if gymnasium is None:
             raise ImportError("the environment needs gymnasium: pip install gymnasium")
+        if clip is None and robot not in _CLIPS:
+            raise InvalidInput(f"robot {robot} has no clip of its own: name one, or give a Clip")
         if isinstance(clip, str) or clip is None:
             clip = Clip.task(clip or _CLIPS[robot], robot)
         self.clip, self.robot, self.noise, self.render_mode = clip, Robot(robot), noise, render_mode
         order = [clip.joints.index(joint) for joint in self.robot.joints]
         goals, seen = clip.command()
         self._goals, self._seen = goals[:, order].astype(np.float64), seen[:, order]
-        self._start = np.where(self._seen[0], self._goals[0], self.robot.home())
+        self._start = clip.start()[order].astype(np.float64)
         self._simulation = _native.Simulation(self.robot._native, plant)
         self._frame = 0
         dim, actions = len(self.robot.joints), len(self.robot.actuators)

@@ -147,6 +147,19 @@ impl Clip {
         Ok(())
     }
 
+    /// The pose before frame 0, (S).
+    #[pyo3(signature = (robot=None))]
+    fn start<'py>(
+        &self,
+        py: Python<'py>,
+        robot: Option<&Robot>,
+    ) -> PyResult<Bound<'py, PyArray1<f32>>> {
+        let table = robot.map(|r| r.inner.joint_table());
+        let command = compile_for(&self.inner, table.as_ref())
+            .map_err(|e| InvalidInput::new_err(e.to_string()))?;
+        Ok(command.start().to_vec().into_pyarray(py))
+    }
+
     /// What is commanded: values (T * S), whether each counts (T * S), frames T.
     #[pyo3(signature = (robot=None))]
     fn command<'py>(&self, py: Python<'py>, robot: Option<&Robot>) -> PyResult<Compiled<'py>> {

@@ -119,12 +119,12 @@ pub(crate) fn fit(
     threads: Option<usize>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<String> {
-    let data = py.detach(|| Dataset::open(&data, Verify::Full)).map_err(raise)?;
-    let out = out.unwrap_or_else(|| data.path().with_file_name(format!("{kind}.safetensors")));
-    let threads = threads.unwrap_or_else(cores);
     if !["ridge", "nearest", "mlp-inverse"].contains(&kind) {
         return Err(wrong(format!("fits are ridge, nearest and mlp-inverse, not {kind:?}")));
     }
+    let data = py.detach(|| Dataset::open(&data, Verify::Full)).map_err(raise)?;
+    let out = out.unwrap_or_else(|| data.path().with_file_name(format!("{kind}.safetensors")));
+    let threads = threads.unwrap_or_else(cores);
     let held_out = listened(py, progress, |listener, cancel| {
         let mut fitted = match kind {
             "ridge" => fits::ridge(&data, seed, threads, &out, cancel),
@@ -182,7 +182,11 @@ pub(crate) fn train(
             engines: None,
             linear: None,
             evaluator: evaluator.as_mut().map(|j| j as &mut dyn Evaluate),
-            meta: serde_json::json!({"version": env!("CARGO_PKG_VERSION"), "threads": threads}),
+            meta: serde_json::json!({
+                "version": env!("CARGO_PKG_VERSION"),
+                "threads": threads,
+                "robot": robot.folder().map_or_else(|| robot.id().into(), |dir| dir.to_owned()),
+            }),
         };
         teach(&data, &config, options).map_err(raise)
     })?;

@@ -13,7 +13,7 @@ use crate::robot::Robot;
 
 /// `pd`, `robert+guide`, `ridge:FILE`; nothing is the robot's own.
 pub(crate) fn config(text: Option<&str>, robot: &LibRobot) -> PyResult<PolicyConfig> {
-    let Some(text) = text else { return Ok(PolicyConfig::default_for(robot)) };
+    let Some(text) = text else { return PolicyConfig::default_for(robot).map_err(raise) };
     text.parse().map_err(raise)
 }
 

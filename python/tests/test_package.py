@@ -260,6 +260,19 @@ def test_the_environment_passes_gymnasiums_check():
     assert np.array_equal(first, again)
 
 
+def test_an_episode_begins_where_a_rollout_of_the_clip_does():
+    pytest.importorskip("gymnasium")
+    from robert_studio.env import TrackEnv
+
+    robot = rs.Robot("pointmass")
+    clip = rs.Clip.from_array(robot, np.full((30, 2), 0.5))
+    begins = json.loads(clip.text()) | {"start": [0.2, -0.1]}
+    clip = rs.Clip.parse(json.dumps(begins))
+    assert np.allclose(clip.start(), [0.2, -0.1])
+    first, _ = TrackEnv("pointmass", clip).reset()
+    assert np.allclose(first[:2], [0.2, -0.1])
+
+
 @pytest.mark.parametrize("example", EXAMPLES, ids=[e.stem for e in EXAMPLES])
 def test_examples_run(example, tmp_path):
     if example.stem in ("compare", "sweep_table"):

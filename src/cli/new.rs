@@ -3,7 +3,7 @@
 //! The steps are: import the file, collect random motion, fit the linear regression `ridge`,
 //! which is usable at once, and train the network. Then the network, `ridge` and proportional control
 //! perform trial clips. The one with the smallest error is kept in the robot's
-//! folder, where every other command finds it. Each step is the command of that name with its own
+//! folder as its own policy. The default `auto` compares it with others for each clip. Each step is the command of that name with its own
 //! defaults. A stopped run continues at the step where it was.
 
 use std::collections::BTreeMap;
@@ -121,6 +121,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     if !(minutes.is_finite() && minutes >= 0.0) {
         return Err(Failure::usage(format!("--minutes takes 0 or more, not {minutes}")));
     }
+    let preset = TrainConfig::preset(&args.preset)?;
     let begin = Instant::now();
     let since = || begin.elapsed().as_secs_f64();
     let cancel = cancel_on_ctrl_c();
@@ -190,7 +191,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
             }
             None => (usual, None),
         };
-        let options = options(&places.instant, threads, &Silent, &cancel, None);
+        let options = options(&robot, &places.instant, threads, &Silent, &cancel, None);
         train(&data, &cfg, Options { linear: linear.as_ref(), ..options })?;
         go_on(&cancel)?;
     }
@@ -207,7 +208,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let mut trained = model_path(&places.run).is_file();
     if minutes > 0.0 {
         say(&format!("4 train: RoBERT, about {minutes} minutes"));
-        teach(args, &robot, &data, &places, threads, &cancel, global)?;
+        teach(args, preset, &robot, &data, &places, threads, &cancel, global)?;
         trained = true;
     }
 
@@ -340,6 +341,7 @@ fn history(robot: &Robot) -> usize {
 /// Trains for the given time, with the trial clips as evaluator.
 fn teach(
     args: &Args,
+    preset: TrainConfig,
     robot: &Arc<Robot>,
     data: &Dataset,
     places: &Places,
@@ -350,10 +352,19 @@ fn teach(
     // The network's skip is the policy that was fitted before.
     let linear = FittedRidge::of(checkpoint::load(&model_path(&places.instant), None)?);
     let cfg = if places.run.join("config.toml").is_file() {
-        read_config(&places.run)?
+        let begun = read_config(&places.run)?;
+        if (&begun.preset, begun.seed) != (&preset.preset, args.seed) {
+            tracing::warn!(
+                "{} was begun with --preset {} --seed {} and goes on with them; another --out trains anew",
+                places.run.display(),
+                begun.preset,
+                begun.seed
+            );
+        }
+        begun
     } else {
         let instant = read_config(&places.instant)?;
-        let preset = TrainConfig {
+        let planned = TrainConfig {
             // A robot that babbles rests against itself more than one under noise.
             contact_weight: 1.0,
             contact_target: ContactTarget::Linear,
@@ -361,22 +372,22 @@ fn teach(
             ridge_history: instant.ridge_history,
             ridge_penalty: instant.ridge_penalty,
             leave_pressing: instant.leave_pressing,
-            ..TrainConfig::preset(&args.preset)?
+            ..preset
         };
         // A few steps, which are thrown away, measure the speed of this machine.
         let scratch = Scratch::new().map_err(|e| Failure::with(crate::exit::Exit::Failed, e))?;
-        let probe = TrainConfig { steps: PROBE_STEPS, ..preset.clone() };
-        let options = options(scratch.path(), threads, &Silent, cancel, None);
+        let probe = TrainConfig { steps: PROBE_STEPS, ..planned.clone() };
+        let options = options(robot, scratch.path(), threads, &Silent, cancel, None);
         let tried = train(data, &probe, Options { linear: linear.as_ref(), ..options })?;
         go_on(cancel)?;
-        let steps = args.minutes * 60.0 * PLANNED * tried.windows_per_sec / preset.batch as f64;
-        TrainConfig { steps: (steps as u64).max(50), ..preset }
+        let steps = args.minutes * 60.0 * PLANNED * tried.windows_per_sec / planned.batch as f64;
+        TrainConfig { steps: (steps as u64).max(50), ..planned }
     };
     let before = Record::read(&places.run).map_or(0, |run| run.step);
     let mut evaluator = evaluator(robot, threads)?;
     let bar = Bar::new("train", "steps", global.quiet);
     let evaluator = evaluator.as_mut().map(|j| j as &mut dyn Evaluate);
-    let options = options(&places.run, threads, &bar, cancel, evaluator);
+    let options = options(robot, &places.run, threads, &bar, cancel, evaluator);
     let done = train(data, &cfg, Options { linear: linear.as_ref(), ..options });
     bar.finish();
     let done = done?;
@@ -409,6 +420,7 @@ fn evaluator(robot: &Arc<Robot>, threads: usize) -> Outcome<Option<SuiteEvaluato
 }
 
 fn options<'a>(
+    robot: &Robot,
     dir: &Path,
     threads: usize,
     progress: &'a dyn crate::progress::Progress,
@@ -427,7 +439,11 @@ fn options<'a>(
         perform: None,
         engines: None,
         linear: None,
-        meta: json!({ "version": env!("CARGO_PKG_VERSION"), "argv": std::env::args().collect::<Vec<_>>() }),
+        meta: json!({
+            "version": env!("CARGO_PKG_VERSION"),
+            "argv": std::env::args().collect::<Vec<_>>(),
+            "robot": robot.folder(),
+        }),
     }
 }
 
@@ -511,10 +527,10 @@ fn report(
     let means = found.iter().map(|e| show(e.precision_mean));
     t.add_row(std::iter::once("mean".to_owned()).chain(means));
     let chose = found.iter().map(|e| show(mean_of(choice, &e.policy)));
-    t.add_row(std::iter::once("other clips, that choose".to_owned()).chain(chose));
+    t.add_row(std::iter::once("mean, clips that chose".to_owned()).chain(chose));
     out::line(&t.to_string())?;
     out::line(&format!(
-        "usable after {instant_secs:.0} s, done after {total_secs:.0} s; {kept} is kept as the robot's policy"
+        "usable after {instant_secs:.0} s, done after {total_secs:.0} s; {kept} is kept as the robot's own policy, and `auto`, the default, compares it with others on each clip"
     ))?;
     out::line(&format!("draft with it:  robert studio --robot {}", args.out.display()))
 }

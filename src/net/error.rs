@@ -48,7 +48,7 @@ pub enum Error {
         path: PathBuf,
     },
     /// A model file was trained for another robot.
-    #[error("model was trained for {trained}, this is {given}: {path}", path = path.display())]
+    #[error("model was trained for {trained}, this is {given}: {path}; train it for this robot, or use the robot that it was trained for", path = path.display())]
     Robot {
         /// The robot of the card.
         trained: String,

@@ -375,7 +375,7 @@ pub(super) fn configs(robot: &Robot, asked: &PolicyConfig) -> Result<Vec<PolicyC
     let inference = Inference::default();
     let plain = |name| PolicyConfig { model_path: None, inference, ..of(name) };
     let mut list = Vec::new();
-    if asked.model_path.is_some() || shipped::has_default(robot) {
+    if asked.model_path.is_some() || shipped::has_default(robot)? {
         let model: Arc<Model> = of(PolicyName::Robert).model(robot)?;
         // Without a step of training the network adds nothing to the linear prediction.
         let linear = model.encoder.ridge.is_some();

@@ -20,7 +20,7 @@ use super::refine::Refined;
 use super::sampling::{PredictiveSampling, SamplingConfig};
 use super::shipped;
 use super::zero::Zero;
-use robert_base::fsio;
+use robert_base::{fsio, limits};
 use robert_net::{Card, MaskGranularity, Model, SkipKind, Threads};
 use robert_robot::Robot;
 
@@ -423,16 +423,21 @@ impl PolicyConfig {
         format!("{}{model}{sample}{masks}{gain}{ensemble}{guide}{refine}{ilc}", self.name.as_str())
     }
 
-    /// The default policy of a robot: the one that its folder names, else its shipped model, else
-    /// computed torque, which needs no data.
-    pub fn default_for(robot: &Robot) -> PolicyConfig {
-        let named = robot.folder().map(shipped::choice_in).filter(|p| p.is_file());
-        let named = named.and_then(|p| std::fs::read_to_string(p).ok());
-        if let Some(Ok(name)) = named.map(|text| text.trim().parse::<PolicyName>()) {
-            return PolicyConfig::new(name);
+    /// The policy of a robot where one must do, without the trials of `auto`: the one that its folder
+    /// names, else its shipped model, else computed torque, which needs no data.
+    ///
+    /// # Errors
+    /// [`Error::Model`]: a model that is damaged or of another robot, or a folder that names no policy.
+    pub fn default_for(robot: &Robot) -> Result<PolicyConfig, Error> {
+        if let Some(file) = robot.folder().map(shipped::choice_in).filter(|p| p.is_file()) {
+            let text = fsio::read_capped(&file, limits::NAME_BYTES as u64)
+                .map_err(robert_net::Error::from)?;
+            let name = String::from_utf8_lossy(&text).trim().parse();
+            let bad = |e: Error| robert_net::Error::File { why: e.to_string(), path: file.clone() };
+            return Ok(PolicyConfig::new(name.map_err(bad)?));
         }
-        let learned = shipped::has_default(robot);
-        PolicyConfig::new(if learned { PolicyName::Robert } else { PolicyName::ComputedTorque })
+        let learned = shipped::has_default(robot)?;
+        Ok(PolicyConfig::new(if learned { PolicyName::Robert } else { PolicyName::ComputedTorque }))
     }
 
     /// The model to use: a file or run directory, or else a shipped model by its name.

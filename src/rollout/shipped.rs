@@ -99,29 +99,32 @@ pub fn names_in(dir: &Path) -> Vec<String> {
     found
 }
 
-/// A model of this robot by name; `None` if there is none. Built-in models are parsed once per
-/// process.
+/// A model of this robot by name; `None` if there is none. A folder's robot may have the name of a
+/// built-in one; it gets the built-in models only if it is the same robot. Built-in models are
+/// parsed once per process.
 ///
 /// # Errors
-/// [`Error::Model`]: damaged, or trained for another version of the robot.
+/// [`Error::Model`]: a file in the robot's folder that is damaged, or was trained for another
+/// version of the robot.
 pub fn get(robot: &Robot, name: &str) -> Result<Option<Arc<Model>>, Error> {
-    type Parsed = Mutex<BTreeMap<(String, String), Arc<Model>>>;
+    type Parsed = Mutex<BTreeMap<String, Arc<Model>>>;
     static PARSED: OnceLock<Parsed> = OnceLock::new();
     if let Some(own) = robot.folder().map(|dir| path_in(dir, name)).filter(|p| p.is_file()) {
         return Ok(Some(Arc::new(checkpoint::load(&own, Some(&robot_card(robot)))?)));
     }
     let path = format!("{}/{name}.safetensors", robot.id());
-    // The robot is part of the key, since a user's folder may have the name of a built-in robot.
-    let key = (path.clone(), robot.model_sha256().to_owned());
     let parsed = PARSED.get_or_init(Mutex::default);
-    if let Some(model) = parsed.lock().unwrap_or_else(PoisonError::into_inner).get(&key) {
-        return Ok(Some(model.clone()));
+    let known = parsed.lock().unwrap_or_else(PoisonError::into_inner).get(&path).cloned();
+    let model = match (known, Files::get(&path)) {
+        (Some(model), _) => model,
+        (None, None) => return Ok(None),
+        (None, Some(file)) => Arc::new(checkpoint::parse(&file.data, Path::new(&path), None)?),
+    };
+    parsed.lock().unwrap_or_else(PoisonError::into_inner).insert(path.clone(), model.clone());
+    match checkpoint::same_robot(&model.card.robot, &robot_card(robot), Path::new(&path)) {
+        Err(_) if robot.folder().is_some() => Ok(None),
+        same => Ok(same.map(|()| Some(model))?),
     }
-    let Some(file) = Files::get(&path) else { return Ok(None) };
-    let model = checkpoint::parse(&file.data, Path::new(&path), Some(&robot_card(robot)))?;
-    let model = Arc::new(model);
-    parsed.lock().unwrap_or_else(PoisonError::into_inner).insert(key, model.clone());
-    Ok(Some(model))
 }
 
 /// Sha-256 of the file that [`get`] would use; `None` if there is no such model.
@@ -137,8 +140,11 @@ pub fn sha256(robot: &Robot, name: &str) -> Result<Option<String>, Error> {
 }
 
 /// Whether there is a default model for this robot.
-pub fn has_default(robot: &Robot) -> bool {
-    matches!(get(robot, DEFAULT), Ok(Some(_)))
+///
+/// # Errors
+/// As [`get`]: a model that is damaged, or of another robot, is an error and not a missing one.
+pub fn has_default(robot: &Robot) -> Result<bool, Error> {
+    Ok(get(robot, DEFAULT)?.is_some())
 }
 
 fn split(path: &str) -> Option<(&str, &str)> {

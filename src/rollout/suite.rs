@@ -382,7 +382,7 @@ fn some(
     let frames = |at: usize| u64::from(case(&jobs[at]).command.frames());
     let total = part.iter().map(|&at| frames(at)).sum();
     let (next, done) = (AtomicUsize::new(0), AtomicU64::new(0));
-    // An error on one thread stops the others at their next frame.
+    // An error on one thread stops the others at their next frame, or at the end of the trials of `auto`.
     let stop = Cancel::default();
     let work = || -> Result<Vec<(usize, Outcome)>, Error> {
         let mut mine = Vec::new();
@@ -500,11 +500,13 @@ fn measure(rollout: &Rollout, case: &Case, outcome: &mut Outcome) {
 fn summarise(case: &Case, outcomes: &[Outcome]) -> CaseResult {
     let failed = outcomes.iter().find_map(|o| o.error.clone());
     let done: Vec<&Precision> = outcomes.iter().filter_map(|o| o.precision.as_ref()).collect();
+    // A mean over the seeds that did not fail would flatter.
+    let all_done = failed.is_none();
     let mean = |f: &dyn Fn(&Precision) -> Option<f64>| {
         let values: Option<Vec<f64>> = done.iter().map(|p| f(p)).collect();
-        values.and_then(|v| mean_ci95(&v))
+        values.filter(|_| all_done).and_then(|v| mean_ci95(&v))
     };
-    let precision = if failed.is_some() { None } else { mean(&|p| p.precision) };
+    let precision = mean(&|p| p.precision);
     let failed = failed.or_else(|| {
         let why = "there is nothing to measure: the clip has no goals after frame 0";
         precision.is_none().then(|| why.to_owned())

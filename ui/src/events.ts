@@ -10,7 +10,7 @@ import type { Event, State, WorkerState } from "./protocol";
 import { within } from "./span";
 import * as store from "./store";
 import { heardOfTakes } from "./takes";
-import { settle, settleAll } from "./wire";
+import { settle, settleEdits } from "./wire";
 
 /** This page's number. */
 let client = 0;
@@ -45,7 +45,7 @@ export function receive(e: Event): void {
     case "document":
       store.moving.value = undefined;
       store.demand.value = undefined;
-      settleAll();
+      settleEdits();
       adopt(e.document);
       return;
     case "saved": {

@@ -76,7 +76,7 @@ function Card({ item, pictured, onDone }: { item: GalleryItem; pictured: boolean
         <br />
         <span
           class="sub"
-          title="Mean error of the robot's default policy over all frames with a goal"
+          title="Mean error of the robot's trained policy over all frames with a goal; an opened clip chooses the nearest of several"
           data-testid={`error-${item.id}`}
         >
           {error.value || "\u00a0"}

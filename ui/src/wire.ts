@@ -6,7 +6,7 @@ import * as store from "./store";
 
 let socket: WebSocket | undefined;
 let nextId = 1;
-const waiting = new Map<number, { resolve: (r: Reply) => void }>();
+const waiting = new Map<number, { resolve: (r: Reply) => void; edits: boolean }>();
 
 export interface Reply {
   ok: boolean;
@@ -160,7 +160,7 @@ async function answer(): Promise<boolean> {
   }
 }
 
-function send(request: Request): Promise<Reply> {
+function send(request: Request, edits = false): Promise<Reply> {
   const ws = socket;
   if (!ws || ws.readyState !== WebSocket.OPEN) {
     return Promise.resolve({
@@ -170,7 +170,7 @@ function send(request: Request): Promise<Reply> {
   }
   const id = nextId++;
   return new Promise((resolve) => {
-    waiting.set(id, { resolve });
+    waiting.set(id, { resolve, edits });
     ws.send(JSON.stringify({ id, ...request }));
   });
 }
@@ -180,7 +180,7 @@ const requestOf = <Name extends Request["op"]>(op: Name, args: Args<Name> | unde
 
 /** An edit. Resolves when it is on the server's disk; refusals are shown. */
 export async function applyOp(op: Op): Promise<boolean> {
-  const reply = await send(op);
+  const reply = await send(op, true);
   if (reply.error) complain(new Refusal(reply.error, 422));
   return reply.ok;
 }
@@ -205,12 +205,16 @@ export function ask<Name extends Request["op"]>(op: Name, ...[args]: Rest<Args<N
 /** The answer to the request of this number has come. */
 export function settle(id: number | undefined, reply: Reply): void {
   const w = id === undefined ? undefined : waiting.get(id);
-  if (!w || id === undefined) return;
+  if (!w || id === undefined) {
+    // An edit that was refused after a document had come whole.
+    if (reply.error) complain(new Refusal(reply.error, 422));
+    return;
+  }
   waiting.delete(id);
   w.resolve(reply);
 }
 
-/** A document that comes whole has all edits in it that were under way. */
-export function settleAll(): void {
-  for (const id of [...waiting.keys()]) settle(id, { ok: true });
+/** A document that comes whole has all edits in it that were under way. Other requests get their own answers. */
+export function settleEdits(): void {
+  for (const [id, w] of [...waiting]) if (w.edits) settle(id, { ok: true });
 }

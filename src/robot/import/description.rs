@@ -338,8 +338,11 @@ impl<'a, 'd> Reader<'a, 'd> {
             }
             (rpy, None) => rpy.unwrap_or_default(),
             (None, Some([x, y, z, w])) => {
-                let turn = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-9);
-                let (r, p, y) = turn.unwrap_or_default().euler_angles();
+                let Some(turn) = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-9) else {
+                    let message = "quat_xyzw of <origin> has no length, so it is no rotation";
+                    return Err(preparse::refuse(at, self.path, message));
+                };
+                let (r, p, y) = turn.euler_angles();
                 [r, p, y]
             }
         };
@@ -450,6 +453,8 @@ mod tests {
         assert_eq!(robot("1.0", quarter).unwrap(), [0.0; 3], "unknown to URDF 1.0");
         let both = quarter.replace("/>", " rpy=\"0 0 0\"/>");
         assert!(robot("1.1", &both).unwrap_err().contains("both rpy and quat_xyzw"));
+        let none = "<origin quat_xyzw=\"0 0 0 0\"/>";
+        assert!(robot("1.1", none).unwrap_err().contains("no rotation"));
     }
 
     #[test]

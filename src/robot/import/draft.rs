@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
+use super::sites::Tie;
 use super::words::Words;
 use crate::{Assets, Error, mesh, preparse, text};
 use robert_base::fsio;
@@ -32,6 +33,8 @@ pub(super) struct Draft {
     pub(super) unknown: BTreeSet<String>,
     /// Attributes that were removed and are applied after the model is compiled.
     pub(super) words: Words,
+    /// Sites that were tied, which must be at one place in the default pose.
+    pub(super) ties: Vec<Tie>,
     pub(super) dropped: Vec<String>,
     pub(super) assumed: Vec<String>,
     pub(super) changed: Vec<String>,

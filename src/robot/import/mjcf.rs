@@ -9,6 +9,7 @@ use super::config::ImportConfig;
 use super::draft::{ASSET_DIR, Draft, physics};
 use super::loose::{self, blank};
 use super::modern;
+use super::sites;
 use super::words::Words;
 use crate::text::Edits;
 use crate::{Error, mesh, preparse, text};
@@ -175,6 +176,8 @@ fn plain(
     let mut edits = Edits::default();
     names(&doc, draft, &mut edits);
     let named = edits.apply(&flat);
+    drop(doc);
+    let named = sites::to_bodies(&named, path, draft)?;
     loose::without(named, &config.without, path, draft)
 }
 

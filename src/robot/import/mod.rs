@@ -23,6 +23,7 @@ mod mjcf;
 mod modern;
 mod packages;
 mod plausible;
+mod sites;
 mod sound;
 mod unknown;
 mod urdf;
@@ -200,6 +201,7 @@ fn settle_draft(
     compile_healed(draft, project, config, dir)?;
     unknown::tell(draft);
     let mut first = Arc::new(compile(&draft.xml, &draft.assets).map_err(say)?);
+    sites::check(&draft.ties, &first, &project.path)?;
     if fix::joints(draft, &first, project, config)? {
         first = Arc::new(compile(&draft.xml, &draft.assets).map_err(say)?);
         fix::joints(draft, &first, project, config)?;

@@ -174,6 +174,8 @@ impl Jobs {
             });
             self.follow(id, out);
             let exit = child.wait().ok().and_then(|s| s.code());
+            // The number may belong to another process from now on.
+            self.with(id, |job| job.pid = None);
             // A client that learns of the end wants to read the reason, so the lines must be
             // complete; the pipe closes with the job.
             let until = Instant::now() + LOG_PATIENCE;
@@ -181,7 +183,6 @@ impl Jobs {
                 std::thread::sleep(Duration::from_millis(2));
             }
             self.with(id, |job| {
-                job.pid = None;
                 job.exit = exit;
                 job.secs = job.begin.elapsed().as_secs_f64();
                 job.phase = match exit {
@@ -271,7 +272,7 @@ impl Jobs {
         let (kind, args, extra) = {
             let inner = self.lock();
             let job = inner.jobs.get(&id).ok_or_else(|| missing(id))?;
-            if job.pid.is_some() {
+            if matches!(job.phase, JobPhase::Running | JobPhase::Cancelling) {
                 return Err(Error::request(format!("job {id} is still running")));
             }
             (job.kind, job.args.clone(), job.extra.clone())

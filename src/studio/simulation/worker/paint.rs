@@ -178,7 +178,7 @@ fn performed(
         let message = format!("the clip does not have the joints of robot {}", robot.id());
         return Err(Refusal::invalid(message));
     };
-    let policy = PolicyConfig::default_for(robot);
+    let policy = PolicyConfig::default_for(robot)?;
     let config = RolloutConfig { guide: policy.guide, ..RolloutConfig::default() };
     let built = policy.build(robot)?;
     let mut rollout = Rollout::new(robot, built, &command, Start::Pose, config)?;
