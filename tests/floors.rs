@@ -1,5 +1,5 @@
 //! Imports only go down. Each folder of `src` is a crate but `cli`, which belongs to the program, so
-//! the compiler knows no crate that its manifest does not name. The table below is the house plan:
+//! the compiler knows no crate that its manifest does not name. The table below has the allowed order:
 //! a manifest that names a crate of the same floor or of one above fails here.
 
 use std::fs;

@@ -1,4 +1,4 @@
-//! The rooms of the studio: imports go one way, and no room keeps a heap of state.
+//! The modules of the studio: imports go one way, and no module keeps much state.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -6,7 +6,7 @@ use std::path::Path;
 
 use super::floors::walk;
 
-/// From the street to the cellar: a room may use what comes after it in this list.
+/// A module may use those after it in this list.
 const ROOMS: &[&str] = &[
     "lib",
     "http",

@@ -34,7 +34,7 @@ pub fn command(binary: &Path) -> Command {
 
 /// What happens to a child process when its parent ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Farewell {
+pub enum OnParentExit {
     /// At once.
     Now,
     /// As after Ctrl-C, with time to write a checkpoint.
@@ -46,19 +46,19 @@ pub enum Farewell {
 ///
 /// # Errors
 /// The error of the operating system.
-pub fn follow_parent(farewell: Farewell) -> io::Result<()> {
+pub fn follow_parent(then: OnParentExit) -> io::Result<()> {
     let parent = std::env::var(PARENT).ok().and_then(|p| p.parse().ok()).and_then(Pid::from_raw);
     let Some(parent) = parent else { return Ok(()) };
     let gone = move || getppid() != Some(parent);
-    match farewell {
-        Farewell::Now => {
+    match then {
+        OnParentExit::Now => {
             set_parent_process_death_signal(Some(Signal::KILL))?;
             // The parent may have ended before the request was registered.
             if gone() {
                 std::process::exit(1);
             }
         }
-        Farewell::Interrupted => {
+        OnParentExit::Interrupted => {
             set_parent_process_death_signal(Some(Signal::INT))?;
             let watch = move || {
                 while !gone() {

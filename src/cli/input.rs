@@ -57,12 +57,12 @@ pub(super) fn read(path: &Path, cap: u64) -> Outcome<Vec<u8>> {
 }
 
 /// The largest input of any command.
-const MOST: u64 = limits::TAKE_BYTES;
+const INPUT_BYTES: u64 = limits::TAKE_BYTES;
 
 fn all(from: impl std::io::Read, path: &Path) -> Outcome<Vec<u8>> {
     let mut bytes = Vec::new();
     let fail = |source| fsio::Error::Read { source, path: place(path) };
-    from.take(MOST + 1).read_to_end(&mut bytes).map_err(fail)?;
+    from.take(INPUT_BYTES + 1).read_to_end(&mut bytes).map_err(fail)?;
     Ok(bytes)
 }
 
@@ -77,7 +77,7 @@ fn is_pipe(path: &Path) -> bool {
 pub(super) fn head(path: &Path, length: usize) -> Vec<u8> {
     let mut head = Vec::new();
     if is_standard(path) || is_pipe(path) {
-        head = read(path, MOST).unwrap_or_default();
+        head = read(path, INPUT_BYTES).unwrap_or_default();
         head.truncate(length);
     } else if let Ok(file) = fsio::open_regular(path) {
         file.take(length as u64).read_to_end(&mut head).ok();

@@ -48,7 +48,7 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
 
-use crate::child::{self, Farewell};
+use crate::child::{self, OnParentExit};
 use crate::exit::Exit;
 use global::Global;
 
@@ -159,7 +159,7 @@ pub fn call(args: impl IntoIterator<Item = OsString>) -> Exit {
 fn run(cli: Cli) -> Outcome {
     // The simulation and the check of a model handle this themselves. Everything else is a job.
     if !matches!(cli.command, Command::Worker | Command::CompileCheck(_)) {
-        child::follow_parent(Farewell::Interrupted)?;
+        child::follow_parent(OnParentExit::Interrupted)?;
     }
     match cli.command {
         Command::Rollout(args) => rollout::run(&args, cli.global),

@@ -481,9 +481,9 @@ impl<'a> Reader<'a> {
 
 /// A foreign string made safe and short for a message.
 pub(crate) fn show(text: &str) -> String {
-    const MOST: usize = 48;
-    let mut out: String = text.chars().take(MOST).flat_map(char::escape_debug).collect();
-    if text.chars().nth(MOST).is_some() {
+    const QUOTED: usize = 48;
+    let mut out: String = text.chars().take(QUOTED).flat_map(char::escape_debug).collect();
+    if text.chars().nth(QUOTED).is_some() {
         out.push('…');
     }
     out

@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 use serde::{Deserialize, Serialize};
 
 use super::{Error, pairs};
-use robert_base::child::{self, Farewell, Rights};
+use robert_base::child::{self, OnParentExit, Rights};
 use robert_base::limits;
 use robert_mujoco::{self as mujoco, Data, Model};
 
@@ -155,7 +155,7 @@ fn death(status: ExitStatus) -> String {
 /// The child's side: limits itself, compiles, tries a few steps.
 pub fn serve(model: &Path, steps: usize) -> Verdict {
     let confined =
-        child::follow_parent(Farewell::Now).and_then(|()| child::confine(&rights(model)));
+        child::follow_parent(OnParentExit::Now).and_then(|()| child::confine(&rights(model)));
     if let Err(e) = confined {
         let message = format!("the check cannot be confined: {e}");
         return Verdict { class: "other".into(), message, ..Verdict::default() };

@@ -344,7 +344,8 @@ impl Robot {
 
     /// The home pose; (`state_dim`).
     pub fn home(&self) -> Vec<f64> {
-        self.pose(&self.profile.home).unwrap_or_else(|_| vec![0.0; self.joints.len()])
+        self.pose(&self.profile.home)
+            .unwrap_or_else(|e| unreachable!("a robot without its home pose is not read: {e}"))
     }
 
     /// Names of the poses, sorted.

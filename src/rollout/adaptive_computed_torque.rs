@@ -30,7 +30,7 @@ const LEAST_NOISE: f64 = 1e-3;
 /// Distance of the simulations that measure gradients.
 const STEP: f64 = 0.05;
 /// The largest logarithm of a factor: a quarter or four times.
-const MOST: f64 = 1.386;
+const LARGEST_LOG: f64 = 1.386;
 /// Numbers of a memory before what is expected: factors, covariance, and factors of the models.
 const OWN: usize = 15;
 /// Change of a factor below which its model is not rebuilt.
@@ -98,7 +98,7 @@ impl AdaptiveComputedTorque {
         self.covariance = covariance;
         let push = weighted * surprise;
         self.factors += covariance * Vector3::from_fn(|k, _| push[k]);
-        self.factors.iter_mut().for_each(|f| *f = f.clamp(-MOST, MOST));
+        self.factors.iter_mut().for_each(|f| *f = f.clamp(-LARGEST_LOG, LARGEST_LOG));
         Ok(())
     }
 

@@ -410,7 +410,7 @@ pub(super) fn planner(robot: &Robot, asked: &PolicyConfig) -> Option<PolicyConfi
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::learner::SEEN;
+    use crate::learner::VISIBLE_ERROR;
     use crate::tasks;
     use crate::{Choice, LiveRollout};
     use robert_base::progress::Silent;
@@ -450,7 +450,7 @@ mod tests {
         let others = chosen.tried.iter().filter(|t| t.policy != "ilqr+smooth");
         let nearest = others.filter_map(|t| t.precision).fold(f64::INFINITY, f64::min);
         let own = chosen.rollout.precision().precision.unwrap();
-        assert!(own < 0.9 * nearest && nearest > SEEN, "{own} {nearest}");
+        assert!(own < 0.9 * nearest && nearest > VISIBLE_ERROR, "{own} {nearest}");
         let mut again = chosen.again(&command, &start, 0, PlantConfig::default()).unwrap();
         again.run(&cancel).unwrap();
         assert_eq!(again.actions(), chosen.rollout.actions());

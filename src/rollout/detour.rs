@@ -16,7 +16,7 @@ use robert_base::rng::{Rng, Stream};
 /// Frames that are simulated, as a multiple of those of the clip.
 const BUDGET: usize = 80;
 /// Frames that are simulated at most, for a robot of 24 joints.
-const MOST: usize = 32_000;
+const BUDGET_MOST: usize = 32_000;
 /// Frames before a large error at which a movement begins.
 const BEFORE: u64 = 20;
 /// Frames after a large error at which a movement ends.
@@ -177,7 +177,7 @@ pub(super) fn budget(goals: &Goals, plan: &Goals, states: &[f64]) -> usize {
         return 0;
     }
     // The fewer joints a robot has, the faster it simulates and the more it can try in the same time.
-    (BUDGET * goals.frames()).min(MOST) * 24 / goals.dim().clamp(6, 240)
+    (BUDGET * goals.frames()).min(BUDGET_MOST) * 24 / goals.dim().clamp(6, 240)
 }
 
 /// Joints and frames far from their goals, and those with the worst motion in gaps.

@@ -19,12 +19,12 @@ use robert_robot::{Coupling, Robot};
 
 /// Weight that a strict judge gives to the errors of joints that jam: a joint that comes free may cost
 /// the others four fifths of what it gains.
-const JAMS: f64 = 5.0;
+const JAM_WEIGHT: f64 = 5.0;
 /// Under a strict judge the usual sum may grow by this share, which is too little to see.
-const GIVES: f64 = 0.03;
+const TOLERATED_LOSS: f64 = 0.03;
 
 /// Weight of the error of coupled joints together, beside their own: it only decides ties.
-const TIES: f64 = 0.01;
+const COUPLED_WEIGHT: f64 = 0.01;
 
 /// The joints that one actuator moves together, and how far each.
 type Tie = Vec<(usize, f64)>;
@@ -71,11 +71,15 @@ impl Judge {
         let (goals, d) = (best.goals(), best.goals().dim());
         let mut weights = vec![1.0; goals.frames() * d];
         for jam in jams {
-            (jam.from..jam.to).for_each(|f| weights[f * d + jam.joint] = JAMS);
+            (jam.from..jam.to).for_each(|f| weights[f * d + jam.joint] = JAM_WEIGHT);
         }
         let usual = Judge::of(best.robot());
         let least = usual.score(best).unwrap_or(f64::INFINITY);
-        Judge { weights: Some(weights.into()), most: most.min((1.0 + GIVES) * least), ..usual }
+        Judge {
+            weights: Some(weights.into()),
+            most: most.min((1.0 + TOLERATED_LOSS) * least),
+            ..usual
+        }
     }
 
     /// Precision with weighted errors and the penalty for unnatural motion in gaps, rad or m. `None`
@@ -109,7 +113,7 @@ impl Judge {
         let each: f64 = seen.map(|j| self.weight(goals, f, j) * error(j).abs()).sum();
         let whole = self.ties.iter().filter(|tie| tie.iter().all(|(j, _)| goals.is_visible(f, *j)));
         let together = whole.map(|tie| tie.iter().map(|(j, c)| c * error(*j)).sum::<f64>().abs());
-        each + TIES * together.sum::<f64>()
+        each + COUPLED_WEIGHT * together.sum::<f64>()
     }
 }
 
@@ -142,7 +146,7 @@ mod tests {
         };
         let (half, hardly) = (error(0.6, 0.6), error(0.15, 0.15));
         assert!((half.1 - hardly.1).abs() < 1e-6 && (half.0 - half.1).abs() < 1e-6);
-        assert!((hardly.0 - hardly.1 - TIES * 0.9).abs() < 1e-6, "{hardly:?}");
+        assert!((hardly.0 - hardly.1 - COUPLED_WEIGHT * 0.9).abs() < 1e-6, "{hardly:?}");
     }
 
     #[test]

@@ -242,10 +242,11 @@ impl Linear {
         let (tokens, now) = (&self.encoder.tokens, CURRENT..CURRENT + 1);
         tokens.read(&self.frames.q, &self.frames.visible, &mut self.scratch);
         let gain = self.gain();
-        if let Some(ridge) = &self.encoder.ridge {
-            let tokens = &self.encoder.tokens;
-            ridge.answers(tokens, &self.scratch, now, &mut self.features, &mut self.answer);
-        }
+        let Some(ridge) = &self.encoder.ridge else {
+            unreachable!("a linear policy is made from an encoder with a linear prediction")
+        };
+        let tokens = &self.encoder.tokens;
+        ridge.answers(tokens, &self.scratch, now, &mut self.features, &mut self.answer);
         for (j, (to, &x)) in action.iter_mut().zip(&self.answer).enumerate() {
             let gain = gain.as_ref().map_or(1.0, |g| 1.0 + g.gain()[j]);
             *to = f64::from((gain * x).clamp(-1.0, 1.0));

@@ -26,13 +26,13 @@ pub(super) const RACERS: usize = 3;
 const STRICT: usize = 2;
 /// The score from which a planner performs the clip although every joint arrives, rad or m: smaller errors
 /// cannot be seen.
-pub(super) const SEEN: f64 = 0.001;
+pub(super) const VISIBLE_ERROR: f64 = 0.001;
 /// The penalty for unnatural motion in gaps and for a missed frame from which a planner performs the clip
 /// as well, rad or m: for instance a mean jerk of 3.1.
 const UNNATURAL: f64 = 1e-4;
 /// The share of the score that the planner's own motion must gain to be kept. Policies that learned go
 /// first, because they need no model to run.
-const CLEARLY: f64 = 0.03;
+const CLEAR_GAIN: f64 = 0.03;
 /// The share from which there is no search: so much is hardly found by chance.
 const BEYOND_CHANCE: f64 = 0.1;
 /// The share that it must gain to be kept although the contenders move more naturally in gaps: a pole that
@@ -221,7 +221,7 @@ impl Learner {
 
     /// The planner's own motion, if it is clearly better.
     fn own(&self) -> Option<&Rollout> {
-        self.own_by(CLEARLY)
+        self.own_by(CLEAR_GAIN)
     }
 
     /// The planner's own motion, if it gains this share of the score, or more if it is less natural in gaps.
@@ -458,7 +458,7 @@ impl Learner {
 
 /// Whether a person would see what is left.
 fn falls_short(lead: &Repeats) -> bool {
-    lead.least > SEEN || lead.gaps > UNNATURAL
+    lead.least > VISIBLE_ERROR || lead.gaps > UNNATURAL
 }
 
 /// Lets `work` be done on each item, shared among threads.

@@ -313,7 +313,10 @@ struct Query {
 /// The numbers from `t` on.
 #[inline(always)]
 fn block(q: &[f32], t: usize) -> &[f32; BLOCK] {
-    q[t..].first_chunk().unwrap_or(&[0.0; BLOCK])
+    let Some(block) = q[t..].first_chunk() else {
+        unreachable!("positions are padded to whole blocks")
+    };
+    block
 }
 
 /// Adds to each frame the squared distance between `share` times the change from `from` to `to`,

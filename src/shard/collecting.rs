@@ -15,7 +15,7 @@ use robert_robot::Robot;
 use super::bench::Bench;
 use super::draft::{Draft, fingerprint};
 use super::error::write_error;
-use super::plan::MOST;
+use super::plan::SHARDS;
 use super::spec::{Collect, Recording};
 use super::{Cell, Error, folder};
 
@@ -30,7 +30,9 @@ fn share(total: u64, n: u64, i: u64) -> u64 {
 
 /// The cells, each of which is checked.
 pub(super) fn draft(spec: &Collect, robot: &Arc<Robot>, place: &str) -> Result<Draft, Error> {
-    if spec.shards == 0 || spec.shards > MOST || spec.seed.checked_add(spec.shards as u64).is_none()
+    if spec.shards == 0
+        || spec.shards > SHARDS
+        || spec.seed.checked_add(spec.shards as u64).is_none()
     {
         let why = format!("shards = {}, seed = {}: too few or too large", spec.shards, spec.seed);
         return Err(Error::Spec { why, place: place.to_owned() });

@@ -19,7 +19,7 @@ use serde_json::Value;
 
 use super::bench::Bench;
 use super::draft::{Draft, whole};
-use super::plan::MOST;
+use super::plan::SHARDS;
 use super::spec::Eval;
 use super::{Cell, Error};
 
@@ -85,8 +85,8 @@ pub(super) fn draft(
                 .collect();
             let more = (parts.len() * policies.len()) as u64;
             let count = spec.seeds.saturating_mul(more).saturating_add(draft.cells.len() as u64);
-            if count > MOST as u64 {
-                return Err(fail(&format!("{count} shards; 1 to {MOST} are allowed")));
+            if count > SHARDS as u64 {
+                return Err(fail(&format!("{count} shards; 1 to {SHARDS} are allowed")));
             }
             for policy in &policies {
                 for seed in 0..spec.seeds {

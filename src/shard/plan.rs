@@ -19,7 +19,7 @@ const BYTES: u64 = 256 << 20;
 /// systems are slow with many entries in one folder.
 const DIVIDED: usize = 1000;
 /// The most shards of a plan.
-pub(super) const MOST: usize = 100_000;
+pub(super) const SHARDS: usize = 100_000;
 
 /// The content of `plan.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

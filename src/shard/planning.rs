@@ -12,7 +12,7 @@ use robert_robot::Robot;
 
 use super::draft::{Draft, fingerprint, whole};
 use super::error::write_error;
-use super::plan::{FORMAT, MOST};
+use super::plan::{FORMAT, SHARDS};
 use super::spec::Train;
 use super::{Error, Machine, Plan, Spec, collecting, evaluating, training};
 
@@ -48,8 +48,8 @@ pub fn make(
             training::draft(train, &robot, &data, out)?
         }
     };
-    if draft.cells.is_empty() || draft.cells.len() > MOST {
-        let why = format!("{} shards; 1 to {MOST} are allowed", draft.cells.len());
+    if draft.cells.is_empty() || draft.cells.len() > SHARDS {
+        let why = format!("{} shards; 1 to {SHARDS} are allowed", draft.cells.len());
         return Err(Error::Spec { why, place });
     }
     draft.inputs.insert("robot".to_owned(), fingerprint(&robot)?);

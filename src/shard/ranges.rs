@@ -1,6 +1,6 @@
 //! Lists of indices as people and queues write them.
 
-use super::plan::MOST;
+use super::plan::SHARDS;
 
 /// `0-3,7,9-10` of sorted indices.
 pub fn ranges(indices: &[usize]) -> String {
@@ -21,7 +21,7 @@ pub(super) fn indices(text: &str) -> Option<Vec<usize>> {
     for part in text.trim().split(',') {
         let (a, b) = part.split_once('-').unwrap_or((part, part));
         let (a, b): (usize, usize) = (a.parse().ok()?, b.parse().ok()?);
-        if b >= MOST || all.len() >= MOST {
+        if b >= SHARDS || all.len() >= SHARDS {
             return None;
         }
         all.extend(a..=b);
@@ -41,8 +41,8 @@ mod tests {
         }
         assert_eq!(ranges(&[]), "");
         assert_eq!(indices("3-x"), None);
-        assert_eq!(indices(&format!("0-{}", MOST - 1)).unwrap().len(), MOST);
-        assert_eq!(indices(&format!("0-{MOST}")), None);
+        assert_eq!(indices(&format!("0-{}", SHARDS - 1)).unwrap().len(), SHARDS);
+        assert_eq!(indices(&format!("0-{SHARDS}")), None);
         assert_eq!(indices(&format!("0-{}", usize::MAX)), None);
         assert_eq!(indices(&vec!["0-99999"; 50_000].join(",")), None);
     }

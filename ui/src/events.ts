@@ -2,7 +2,7 @@
 
 import { batch } from "@preact/signals";
 import { adopt, refreshGallery } from "./documents";
-import { heardOfJob, refreshJobs, refreshWorkspace } from "./jobs";
+import { onJob, refreshJobs, refreshWorkspace } from "./jobs";
 import { patched } from "./patch";
 import { pathTouched } from "./path";
 import { dragCancelled, dragged, jointMoved } from "./posing";
@@ -20,7 +20,7 @@ export function receive(e: Event): void {
     case "hello":
       client = e.client;
       store.link.value = "open";
-      welcome(e.state);
+      onWelcome(e.state);
       return;
     case "edit": {
       const d = store.doc.value;
@@ -111,7 +111,7 @@ export function receive(e: Event): void {
       heardOfWorker(e);
       return;
     case "job":
-      heardOfJob(e);
+      onJob(e);
   }
 }
 
@@ -127,7 +127,7 @@ function heardOfWorker(state: WorkerState): void {
     store.announcement.value = "the simulation is running again";
 }
 
-function welcome(state: State): void {
+function onWelcome(state: State): void {
   batch(() => {
     store.version.value = state.version;
     store.folder.value = state.folder;

@@ -9,7 +9,7 @@ import { complain, http } from "./wire";
 export const imported = signal<string | undefined>(undefined);
 
 /** A job has something new to say. */
-export function heardOfJob(job: JobView): void {
+export function onJob(job: JobView): void {
   const before = store.jobs.value.get(job.id);
   store.jobs.value = new Map(store.jobs.value).set(job.id, {
     ...job,
@@ -47,11 +47,11 @@ function jobEnded(job: JobView): void {
   else if (job.kind === "collect" || job.kind === "train" || job.kind === "eval" || job.kind === "import") {
     store.toast(job.phase === "done" ? `${what} is done` : `${what} stopped; you can resume it`);
   }
-  if (job.kind !== "render" && job.kind !== "export") void refreshWorkspace().then(() => brought(job));
+  if (job.kind !== "render" && job.kind !== "export") void refreshWorkspace().then(() => turnToImported(job));
 }
 
 /** The list of robots knows what a job has imported. */
-function brought(job: JobView): void {
+function turnToImported(job: JobView): void {
   if (job.kind !== "import" || job.phase !== "done") return;
   const id = job.args[job.args.indexOf("--id") + 1];
   imported.value = store.robots.value.find((r) => r.id === id)?.source;

@@ -38,9 +38,6 @@ pub(super) struct Check {
     /// some joints are then an error.
     #[arg(long)]
     whole_masks: bool,
-    /// This is the default; the option is kept for existing scripts.
-    #[arg(long, hide = true, conflicts_with = "whole_masks")]
-    joint_masks: bool,
     /// Also settle every pose in simulation, to find self-collisions and unreachable poses.
     #[arg(long)]
     simulate: bool,

@@ -11,7 +11,7 @@ use crate::json::{escape_step, show};
 use crate::op::{KeysSet, Op, PoseSave};
 
 /// The most findings of one rule that are listed; a log with 50 000 fast keys is one problem.
-const MOST: usize = 1000;
+const LISTED: usize = 1000;
 
 pub(super) struct Finder<'a> {
     pub(super) clip: &'a Clip,
@@ -76,7 +76,7 @@ impl<'a> Finder<'a> {
     pub(super) fn push(&mut self, lint: Lint) {
         let count = self.counts.entry(lint.rule).or_default();
         *count += 1;
-        if *count <= MOST {
+        if *count <= LISTED {
             self.lints.push(lint);
         }
     }
@@ -84,7 +84,7 @@ impl<'a> Finder<'a> {
     /// Whether this rule has as many findings as are listed. If so, counts one more finding.
     pub(super) fn full(&mut self, rule: Rule) -> bool {
         let count = self.counts.entry(rule).or_default();
-        let full = *count >= MOST;
+        let full = *count >= LISTED;
         *count += usize::from(full);
         full
     }
@@ -92,11 +92,11 @@ impl<'a> Finder<'a> {
     /// Reports how many findings were left out.
     pub(super) fn rest(&mut self) {
         for (&rule, &count) in &self.counts {
-            if count <= MOST {
+            if count <= LISTED {
                 continue;
             }
             let frames = None;
-            let message = format!("and {} more of this kind", count - MOST);
+            let message = format!("and {} more of this kind", count - LISTED);
             let pointer = "/keys".to_owned();
             let (joints, fixes, settled) = (Vec::new(), Vec::new(), None);
             let level = Level::Info;

@@ -19,7 +19,7 @@ use robert_base::units::SIM_DT;
 use robert_mujoco::{Data, Model, Transmission};
 
 /// The share of its speed that a servo may remove from a joint in a step.
-const MOST: f64 = 0.5;
+const LARGEST_SHARE: f64 = 0.5;
 /// The phase by which a servo may swing a joint in a step, rad. The limit of the integrator is 2
 /// for a joint by itself, and less if several swing together.
 const SWING: f64 = 1.0;
@@ -70,7 +70,7 @@ impl Bearable {
         }
         for (joint, (own, stiffness, damps)) in joints {
             let dof = model.jnt_dofadr()[joint] as usize;
-            if SIM_DT * own > MOST * least[dof] {
+            if SIM_DT * own > LARGEST_SHARE * least[dof] {
                 all.damping.insert(joint, model.dof_damping()[dof] + own);
                 least[dof] += SIM_DT * own;
                 all.moved.extend(damps);
@@ -153,7 +153,7 @@ mod tests {
         assert!(changes(80.0, 1.0).is_empty());
         assert!(changes(0.0, 0.0).is_empty());
         // Two servos damp the joint together.
-        let some = 0.6 * MOST * least[0] / SIM_DT;
+        let some = 0.6 * LARGEST_SHARE * least[0] / SIM_DT;
         let servo = || Some(Law { gain: 80.0, bias: [0.0, -80.0, -some] });
         assert!(changes(80.0, some).is_empty());
         let both = Bearable::of(&[servo(), servo()], &model).unwrap();

@@ -43,7 +43,7 @@ const CROSSING_SECS: f64 = 0.5;
 const PLACEHOLDER: f64 = 40.0;
 const PLACEHOLDER_OF_WHEEL: f64 = 1000.0;
 /// The share of its torque limit from which a motor's load counts.
-const MOST: f64 = 0.5;
+const LOADED: f64 = 0.5;
 /// The share of its torque limit for which the damping is made at least, whatever the load is.
 const LEAST_LEFT: f64 = 0.1;
 /// The number of digits that are written.
@@ -141,7 +141,7 @@ fn missing(
     let speed = named.unwrap_or(guess);
     // A drive for the stronger direction would leave the joint hardly any speed in the other one.
     let weaker = weaker_torque(model, id).unwrap_or(torque);
-    let carries_most = named.is_some() && weight > MOST * weaker && weight < weaker;
+    let carries_most = named.is_some() && weight > LOADED * weaker && weight < weaker;
     let load = if carries_most { weight } else { 0.0 };
     let left = (weaker - load).max(LEAST_LEFT * weaker);
     let damping_of_drive = digits(damping.max(left / speed).max(torque / FREE_SPEED), DIGITS);

@@ -142,10 +142,10 @@ impl Writer {
         name: String,
         reply: Reply<DocumentView>,
     ) {
-        const MOST: u32 = robert_base::limits::CLIP_FRAMES;
-        if !(2..=MOST).contains(&length) {
+        const LONGEST: u32 = robert_base::limits::CLIP_FRAMES;
+        if !(2..=LONGEST).contains(&length) {
             let e =
-                Error::request(format!("a clip has 2 to {MOST} frames of 1/20 s, not {length}"));
+                Error::request(format!("a clip has 2 to {LONGEST} frames of 1/20 s, not {length}"));
             return drop(reply.send(Err(e)));
         }
         let facts = match self.know(robot) {

@@ -101,9 +101,9 @@ struct Kept {
 }
 
 /// Ignores the painter's events; a question gets its own answer.
-struct Deaf;
+struct NullSink;
 
-impl WorkerSink for Deaf {
+impl WorkerSink for NullSink {
     fn event(&self, _event: SimulationEvent) {}
     fn state(&self, state: &WorkerState) {
         tracing::debug!("the painter: {state:?}");
@@ -117,7 +117,7 @@ impl Pictures {
     /// If the operating system cannot start the thread.
     pub(crate) fn new(binary: PathBuf, state_dir: &Path) -> std::io::Result<Pictures> {
         Ok(Pictures {
-            painter: WorkerHandle::start_resting(binary, Arc::new(Deaf), REST)?,
+            painter: WorkerHandle::start_resting(binary, Arc::new(NullSink), REST)?,
             kept: Mutex::default(),
             waiting: AtomicUsize::new(0),
             dir: state_dir.join("pictures"),

@@ -24,8 +24,6 @@ pub(crate) struct Journal {
     len: u64,
     /// The position of the next record among all.
     position: Position,
-    /// The file is of the current format.
-    current: bool,
 }
 
 impl Journal {
@@ -45,25 +43,24 @@ impl Journal {
         }
         let mut bytes = Vec::with_capacity(len as usize);
         (&file.0).take(limits::JOURNAL_BYTES).read_to_end(&mut bytes).map_err(fail)?;
-        let Scan { records, damage, position, current } =
+        let Scan { records, damage, position } =
             scan(&bytes).ok_or_else(|| foreign("it holds something else".into()))?;
-        Ok((Journal { file, path: path.to_owned(), len, position, current }, records, damage))
+        Ok((Journal { file, path: path.to_owned(), len, position }, records, damage))
     }
 
-    /// Removes damage from the file and updates an older format. A copy of the file as it was found
-    /// is kept beside it.
+    /// Removes damage from the file. A copy of the file as it was found is kept beside it.
     ///
     /// # Errors
     /// [`Error::Journal`].
     pub(crate) fn repair(&mut self, records: &[Record], damage: &mut Damage) -> Result<(), Error> {
-        let whole = *damage == Damage::default();
-        if !whole {
-            let kept = self.keep()?;
-            let path = self.path.display();
-            tracing::warn!("{path}: {}; kept as {}", damage.words(), kept.display());
-            damage.kept = Some(kept);
+        if *damage == Damage::default() {
+            return Ok(());
         }
-        if whole && self.current { Ok(()) } else { self.rewrite(records) }
+        let kept = self.keep()?;
+        let path = self.path.display();
+        tracing::warn!("{path}: {}; kept as {}", damage.words(), kept.display());
+        damage.kept = Some(kept);
+        self.rewrite(records)
     }
 
     /// The path of the journal.
@@ -124,7 +121,7 @@ impl Journal {
             .map_err(|e| fail(e.into()))?;
         self.file = Locked(temp.persist(&self.path).map_err(|e| fail(e.error))?);
         self.len = bytes.len() as u64;
-        (self.position, self.current) = (position, true);
+        self.position = position;
         self.file.seek(SeekFrom::End(0)).map_err(fail)?;
         File::open(dir).and_then(|d| d.sync_all()).map_err(fail)
     }
@@ -353,34 +350,5 @@ mod tests {
         assert_eq!(fs::read(at("victim")).unwrap(), b"precious");
         assert!(!at("nothing").exists());
         assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 6, "nothing was made");
-    }
-
-    #[test]
-    fn a_journal_of_the_first_format_is_read_and_rewritten() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("a.autosave");
-        let mut bytes = b"robert-journal/1\n".to_vec();
-        for record in sample() {
-            let json = serde_json::to_vec(&record).unwrap();
-            bytes.extend_from_slice(&(json.len() as u32).to_le_bytes());
-            bytes.extend_from_slice(&crc32fast::hash(&json).to_le_bytes());
-            bytes.extend_from_slice(&json);
-        }
-        fs::write(&path, &bytes).unwrap();
-        let (mut journal, records, mut damage) = open(&path);
-        assert_eq!((&records, &damage), (&sample(), &Damage::default()));
-        journal.repair(&records, &mut damage).unwrap();
-        journal.append(&[Record::Undo]).unwrap();
-        drop(journal);
-        assert!(fs::read(&path).unwrap().starts_with(MAGIC));
-        assert_eq!(open(&path).1.len(), 5);
-        // What is left of a damaged one is its beginning, and the file is kept.
-        let end = bytes.len();
-        bytes[end - 3] ^= 1;
-        fs::write(&path, &bytes).unwrap();
-        let (mut journal, records, mut damage) = open(&path);
-        assert_eq!(records, sample()[..3]);
-        journal.repair(&records, &mut damage).unwrap();
-        assert_eq!(fs::read(damage.kept.unwrap()).unwrap(), bytes);
     }
 }

@@ -9,11 +9,6 @@ use robert_clip::Delta;
 /// First line of a journal.
 pub(crate) const MAGIC: &[u8] = b"robert-journal/2\n";
 
-/// First line of the older format: `u32` length, `u32` CRC-32, JSON.
-const OLD_MAGIC: &[u8] = b"robert-journal/1\n";
-
-const OLD_HEAD: usize = 8;
-
 /// Begins every record. Its first byte occurs in no UTF-8 text, so it is in no JSON.
 pub(crate) const MARK: [u8; 4] = [0xf5, b'R', b'J', 0xfa];
 
@@ -108,8 +103,6 @@ pub(crate) struct Scan {
     pub(crate) damage: Damage,
     /// The position of the next record.
     pub(crate) position: Position,
-    /// The file is of the current format.
-    pub(crate) current: bool,
 }
 
 /// Reads the bytes of a journal; `None` if they are not a journal.
@@ -124,10 +117,6 @@ pub(crate) fn scan(bytes: &[u8]) -> Option<Scan> {
         return Some(reading.finish());
     }
     let (head, body) = bytes.split_at_checked(MAGIC.len())?;
-    let old = head == OLD_MAGIC || (head != MAGIC && old_record(body).is_some());
-    if old {
-        return Some(scan_old(head, body));
-    }
     let mut at = 0;
     while let Some(found) = body.get(at..).and_then(mark) {
         reading.skip(at, at + found);
@@ -309,39 +298,8 @@ impl Reading {
                 n => format!("edit {n}, the last one, is damaged and lost"),
             });
         }
-        Scan { records: self.records, damage: self.damage, position: self.position, current: true }
+        Scan { records: self.records, damage: self.damage, position: self.position }
     }
-}
-
-fn scan_old(head: &[u8], body: &[u8]) -> Scan {
-    let mut rest = body;
-    let mut records = Vec::new();
-    let mut position = Position::default();
-    while let Some((record, after)) = old_record(rest) {
-        position = position.after(Kind::of(&record));
-        records.push(record);
-        rest = after;
-    }
-    let mut damage = Damage { torn_bytes: rest.len() as u64, ..Damage::default() };
-    if head != OLD_MAGIC {
-        damage.lost.push("the first line of the journal is damaged".into());
-    }
-    Scan { records, damage, position, current: false }
-}
-
-fn old_record(bytes: &[u8]) -> Option<(Record, &[u8])> {
-    let (head, rest) = bytes.split_at_checked(OLD_HEAD)?;
-    let (len, crc) = head.split_at_checked(4)?;
-    let len = u32::from_le_bytes(len.try_into().ok()?) as usize;
-    let crc = u32::from_le_bytes(crc.try_into().ok()?);
-    if len > limits::JOURNAL_RECORD_BYTES {
-        return None;
-    }
-    let (json, rest) = rest.split_at_checked(len)?;
-    if crc32fast::hash(json) != crc {
-        return None;
-    }
-    Some((serde_json::from_slice(json).ok()?, rest))
 }
 
 #[cfg(test)]

@@ -15,7 +15,7 @@ use super::out::Out;
 use super::performer::Performer;
 use super::slow;
 use robert_base::child;
-use robert_base::child::{Farewell, Rights};
+use robert_base::child::{OnParentExit, Rights};
 use robert_base::fsio;
 use robert_base::limits;
 
@@ -58,7 +58,7 @@ fn confine() -> io::Result<()> {
         usual(info);
         std::process::exit(101);
     }));
-    child::follow_parent(Farewell::Now)?;
+    child::follow_parent(OnParentExit::Now)?;
     // Graphics drivers keep compiled shaders in the user's cache and talk to devices.
     let scratch = std::env::current_dir()?;
     let cache = fsio::cache_dir();

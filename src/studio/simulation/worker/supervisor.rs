@@ -79,15 +79,15 @@ struct Running {
     number: u64,
 }
 
-/// Requests that a new child must receive first.
+/// Requests that are sent again to a new child.
 #[derive(Default)]
-struct Memory {
+struct Replayed {
     robot: Option<WorkerRequest>,
     policy: Option<WorkerRequest>,
     perform: Option<Box<Perform>>,
 }
 
-impl Memory {
+impl Replayed {
     fn note(&mut self, request: &WorkerRequest) {
         match request {
             WorkerRequest::LoadRobot(_) => {
@@ -127,7 +127,7 @@ struct Supervisor {
     child: Option<Running>,
     questions: Questions,
     pulse: Pulse,
-    memory: Memory,
+    replayed: Replayed,
     history: History,
     /// The child is started on demand, and ended after this time without demand.
     rest: Option<Duration>,
@@ -164,7 +164,7 @@ pub(super) fn start(
         child: None,
         questions: Questions::default(),
         pulse: Pulse { heard: Instant::now(), pinged: false, performing: false },
-        memory: Memory::default(),
+        replayed: Replayed::default(),
         history: History::default(),
         rest,
         scratch: Scratch::new()?,
@@ -192,7 +192,7 @@ impl Supervisor {
                     Ok(message) => Some(message),
                     Err(RecvTimeoutError::Timeout) => {
                         if !busy && rest.is_some() {
-                            self.send_home();
+                            self.stop_resting();
                         }
                         None
                     }
@@ -202,7 +202,7 @@ impl Supervisor {
             match message {
                 Some(Inbox::Ask { request, reply }) => self.ask(request, reply),
                 Some(Inbox::Message { child, message }) if self.is_current(child) => {
-                    self.hear(message);
+                    self.handle(message);
                 }
                 Some(Inbox::Gone { child, reason }) if self.is_current(child) => {
                     self.died(&reason);
@@ -217,16 +217,16 @@ impl Supervisor {
             }
             self.watch();
         }
-        self.bury();
+        self.reap();
         self.fail_pending("it has been shut down");
     }
 
     /// Nobody needs the child at the moment.
-    fn send_home(&mut self) {
+    fn stop_resting(&mut self) {
         if let Some(running) = &mut self.child {
             running.process.kill().ok();
         }
-        self.bury();
+        self.reap();
         self.set_state(WorkerPhase::Starting, None);
     }
 
@@ -251,7 +251,7 @@ impl Supervisor {
                 self.pulse.heard = Instant::now();
                 self.pulse.pinged = false;
                 self.set_state(WorkerPhase::Ready, None);
-                for request in self.memory.requests() {
+                for request in self.replayed.requests() {
                     self.send(request, None);
                 }
             }
@@ -263,7 +263,7 @@ impl Supervisor {
     }
 
     fn ask(&mut self, request: WorkerRequest, reply: Option<Reply>) {
-        self.memory.note(&request);
+        self.replayed.note(&request);
         let recent = self.history.deaths.iter().filter(|d| d.elapsed() < DEATH_WINDOW).count();
         if self.child.is_none() && self.rest.is_some() && recent < DEATHS {
             self.spawn();
@@ -297,13 +297,13 @@ impl Supervisor {
         }
     }
 
-    fn hear(&mut self, message: WorkerMessage) {
+    fn handle(&mut self, message: WorkerMessage) {
         self.pulse.heard = Instant::now();
         self.pulse.pinged = false;
         match message {
             WorkerMessage::Event(event) => {
                 if let (SimulationEvent::Ended { generation, .. }, Some(perform)) =
-                    (&event, &self.memory.perform)
+                    (&event, &self.replayed.perform)
                 {
                     self.pulse.performing &= *generation != perform.generation;
                 }
@@ -325,7 +325,7 @@ impl Supervisor {
         if let Some(reply) = done.reply {
             reply(answer);
         }
-        if self.memory.perform.is_none() {
+        if self.replayed.perform.is_none() {
             self.pulse.performing = false;
         }
     }
@@ -360,7 +360,7 @@ impl Supervisor {
     }
 
     fn died(&mut self, reason: &str) {
-        let status = self.bury();
+        let status = self.reap();
         let reason = match status {
             Some(status) if !reason.is_empty() => format!("{reason}; {status}"),
             Some(status) => status,
@@ -383,7 +383,7 @@ impl Supervisor {
     }
 
     /// Kills and reaps the child; returns how it ended.
-    fn bury(&mut self) -> Option<String> {
+    fn reap(&mut self) -> Option<String> {
         let mut running = self.child.take()?;
         // A child that has just hung up needs a moment to exit with its own status.
         let mut status = None;
