@@ -2,6 +2,7 @@
 
 use std::fmt::Display;
 use std::io::Write as _;
+use std::path::Path;
 
 use super::escape::plain;
 use crate::exit::{Exit, HasExit};
@@ -35,6 +36,12 @@ impl Failure {
     /// The exit code.
     pub fn exit(&self) -> Exit {
         self.exit
+    }
+
+    /// The same with the file that it is about.
+    #[must_use]
+    pub(super) fn about(self, file: &Path) -> Self {
+        Self::with(self.exit, format!("{}: {}", file.display(), self.sentence()))
     }
 
     /// Prints `error: …` and its causes to stderr.

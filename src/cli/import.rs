@@ -128,13 +128,14 @@ impl ModelFlags {
 
 fn print(r: &Report) -> Outcome {
     out::line(&format!(
-        "{}: state {}, action {}, {} bodies, {} files, {:.3} kg, from {}",
+        "{}: state {}, action {}, {} bodies, {} files, {:.3} kg ({:.3} kg of it move), from {}",
         r.id,
         r.state_dim,
         r.action_dim,
         r.bodies,
         r.files,
         r.mass_kg,
+        r.moving_kg,
         r.format.to_uppercase()
     ))?;
     for (what, list) in [

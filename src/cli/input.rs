@@ -68,7 +68,7 @@ fn all(from: impl std::io::Read, path: &Path) -> Outcome<Vec<u8>> {
 
 /// Whether the path is a pipe that the shell made for this command. Named pipes are refused, as is
 /// everything else that is not a regular file, because nobody may ever write to them.
-fn is_pipe(path: &Path) -> bool {
+pub(super) fn is_pipe(path: &Path) -> bool {
     let from_shell = ["/dev/fd", "/proc/self/fd", "/dev/stdin", "/dev/stdout"];
     from_shell.iter().any(|p| path.starts_with(p)) && path.metadata().is_ok_and(|m| !m.is_file())
 }

@@ -54,6 +54,8 @@ const CHOOSE: [u64; 2] = [2, 3];
 const REPORT: u64 = 1;
 /// Share of frames at a stop above which the report names a joint.
 const RESTING: f64 = 0.3;
+/// Share of frames with any joint at a stop above which the report says what follows.
+const STOPPED: f64 = 0.5;
 /// The mean error on trial clips above which the robot is not under control, rad or m.
 const FAR: f64 = 0.1;
 /// The number of evaluations in a row without improvement after which training ends.
@@ -221,8 +223,14 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     for seed in CHOOSE {
         choice.push(compare(&robot, &places, trained, seed, threads, &cancel, global)?);
     }
+    // A run whose best step is 0 has only the linear prediction, so it is `ridge` again.
+    let gained =
+        trained && checkpoint::load(&model_path(&places.run), None)?.card.training.step > 0;
+    if trained && !gained {
+        say("  no step of training was nearer than ridge, so robert is the same policy");
+    }
     // The network comes first, because it has learned more than the clips demand.
-    let learned = if trained { nearest(&choice, &["robert", "ridge"]) } else { "ridge" };
+    let learned = if gained { nearest(&choice, &["robert", "ridge"]) } else { "ridge" };
     let kept = nearest(&choice, &[learned, "pd"]);
     keep(kept, learned, &places, &args.out)?;
     let error = mean_of(&choice, kept);
@@ -327,6 +335,12 @@ fn describe(data: &Dataset, robot: &Robot) -> Vec<String> {
             "at a stop, where torque cannot be read from positions: {}",
             resting.join(", ")
         ));
+    } else if found.near_limit_any > STOPPED {
+        lines.push(
+            "some joint is at a stop in most frames, where torque cannot be read from positions: ridge and robert \
+             may be worse than pd"
+                .to_owned(),
+        );
     }
     lines
 }

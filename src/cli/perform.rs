@@ -221,16 +221,22 @@ pub(super) fn perform(text: &str, args: &PerformArgs, global: Global) -> Outcome
     Ok(Performed { clip, command, robot, rollout, policy, tried, config, wall_secs, broke })
 }
 
-/// Prints what is wrong with a clip. The motion of a faulty clip says little about the policy.
+/// Prints what is wrong with a clip, and end-effector goals that are out of reach. The motion of such a
+/// clip says little about the policy.
 fn warn(clip: &Clip, command: &clip::Command, robot: &Robot) {
     let found = clip::lint(clip, command, &robot.joint_table(), None);
-    let mut errors = found.iter().filter(|l| l.level == clip::Level::Error);
-    if let Some(first) = errors.next() {
-        let more = match errors.count() {
-            0 => String::new(),
-            n => format!(", and {n} more"),
-        };
-        out::aside(format!("warning: {}{more}: see robert clip check", first.message));
+    let (wrong, missed): (Vec<_>, Vec<_>) = found
+        .iter()
+        .filter(|l| l.level == clip::Level::Error || l.rule == clip::Rule::Unreachable)
+        .partition(|l| l.level == clip::Level::Error);
+    for list in [wrong, missed] {
+        if let Some(first) = list.first() {
+            let more = match list.len() {
+                1 => String::new(),
+                n => format!(", and {} more", n - 1),
+            };
+            out::aside(format!("warning: {}{more}: see robert clip check", first.message));
+        }
     }
 }
 

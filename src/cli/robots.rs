@@ -116,7 +116,7 @@ fn show(robot: &str, json: bool, toml: bool) -> Outcome {
         return out::line(robot.profile().to_toml()?.trim_end());
     }
     let model = robot.model();
-    let mass: f64 = model.body_mass().iter().sum();
+    let (mass, moving) = (model.body_mass().iter().sum::<f64>(), model.moving_mass());
     if json {
         let mut value = serde_json::to_value(robot.profile()).map_err(std::io::Error::other)?;
         if let Some(map) = value.as_object_mut() {
@@ -130,7 +130,7 @@ fn show(robot: &str, json: bool, toml: bool) -> Outcome {
                 json!({
                     "nq": model.nq(), "nv": model.nv(), "nu": model.nu(),
                     "bodies": model.nbody(), "geoms": robot.scene_model()?.ngeom(),
-                    "mass_kg": mass, "timestep_secs": model.timestep(),
+                    "mass_kg": mass, "moving_kg": moving, "timestep_secs": model.timestep(),
                     "substeps": SUBSTEPS, "ctrl_dt_secs": CTRL_DT,
                     "gravity": model.gravity(), "contacts": model.contacts(),
                     "integrator": (["Euler", "RK4", "implicit"]).get(model.integrator() as usize),
@@ -143,7 +143,7 @@ fn show(robot: &str, json: bool, toml: bool) -> Outcome {
     let p = robot.profile();
     out::line(&format!("{} ({})\n{}\n", p.title, robot.id(), p.about))?;
     out::line(&format!(
-        "state {}, action {}, mass {mass:.3} kg, step {} s x {SUBSTEPS}, contacts {}\n",
+        "state {}, action {}, mass {mass:.3} kg ({moving:.3} kg of it move), step {} s x {SUBSTEPS}, contacts {}\n",
         robot.state_dim(),
         robot.action_dim(),
         model.timestep(),

@@ -144,8 +144,8 @@ fn report(args: &Args, done: &Performed, p: &Precision) -> Value {
     })
 }
 
-/// The poses of the clip that the robot cannot hold, with the distance that stays; null if the clip
-/// has too many keys to settle each of them.
+/// The end-effector goals that are out of reach and the poses that the robot cannot hold, with the
+/// distance that stays; null if the clip has too many keys to settle each of them.
 fn unreachable(done: &Performed) -> Outcome<Value> {
     let (clip, robot) = (&done.clip, done.robot.as_ref());
     if clip.keys.len() + clip.poses.len() > SETTLED {
@@ -155,7 +155,11 @@ fn unreachable(done: &Performed) -> Outcome<Value> {
     let lints = lint(clip, &done.command, &robot.joint_table(), Some(&mut settler));
     let poses = lints.iter().filter_map(|l| l.settled.as_ref());
     let said = poses.map(|s| json!({"frames": s.held, "joint": s.joint, "distance": s.distance}));
-    Ok(said.collect())
+    let missed = done.command.reached().iter().filter(|r| !r.reached).map(|r| {
+        let (point, frames) = (r.instead.point.name(), [[r.frame, r.frame + 1]]);
+        json!({"frames": frames, "point": point, "distance": r.distance_m, "angle": r.angle_rad})
+    });
+    Ok(missed.chain(said).collect())
 }
 
 fn summary(done: &Performed, p: &Precision, unit: &str) -> String {

@@ -196,6 +196,9 @@ pub enum Flaw {
     NoJoints,
 }
 
+/// Names that a message lists at most.
+pub(crate) const LISTED: usize = 12;
+
 /// `; did you mean "x"?` when something close exists.
 pub(crate) fn hint<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> String {
     // The distance costs name × known, so long names get no hint, and only some are compared.

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::document::{Clip, Goal, Row, Start};
-use super::flaw::{Flaw, Invalid, hint};
+use super::flaw::{Flaw, Invalid, LISTED, hint};
 use super::json::escape_step;
 use super::path::Path;
 use super::reach::Reach;
@@ -103,7 +103,16 @@ impl Clip {
         if self.poses.contains_key(name) {
             return Ok(());
         }
-        let hint = hint(name, self.poses.keys().map(String::as_str));
+        let mut hint = hint(name, self.poses.keys().map(String::as_str));
+        if hint.is_empty() {
+            let own: Vec<&str> = self.poses.keys().take(LISTED).map(String::as_str).collect();
+            hint = match own.join(", ") {
+                none if none.is_empty() => {
+                    "; the clip has none: a pose of the robot must be copied into its poses".into()
+                }
+                own => format!("; the clip has {own}"),
+            };
+        }
         fail(pointer, Flaw::UnknownPose { name: name.to_owned(), hint })
     }
 

@@ -269,7 +269,7 @@ pub(super) fn claim(
         return match difference("", &wanted, &found) {
             None => Ok(()),
             Some((what, want, have)) => folder(format!(
-                "the folder was begun with {what} {have}, but the request is for {want}; use the same options, or another --out (with --agents-from to keep the agents)"
+                "the folder was begun with {what} {have}, but the request is for {want}; use the same options, or another --out"
             )),
         };
     }

@@ -324,6 +324,12 @@ arrays! {
 }
 
 impl Model {
+    /// The mass of the bodies that a joint moves, kg. The others are parts of the world.
+    pub fn moving_mass(&self) -> f64 {
+        let moves = self.body_weldid().iter().map(|w| *w != 0);
+        self.body_mass().iter().zip(moves).filter(|(_, moves)| *moves).map(|(m, _)| m).sum()
+    }
+
     /// Takes over a model from the compiler; `None` for a null pointer.
     pub(super) fn own(raw: *mut mj::mjModel) -> Option<Model> {
         NonNull::new(raw).map(|raw| Model { raw })

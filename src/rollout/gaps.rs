@@ -38,6 +38,9 @@ pub(super) const ALLOWANCE: f64 = 0.02;
 /// Allowance for overshoot as a share of the step between the two goals.
 pub(super) const ALLOWED_SHARE: f64 = 0.05;
 
+/// The distance that a joint may go after its last goal without a penalty, rad or m.
+const FREE: f64 = 0.1;
+
 /// Penalty of unnatural motion in a gap, as rad or m of error: for each rad or m of overshoot; and for
 /// each 1 by which the path, relative to the straight line, exceeds [`LONGEST_PATH`].
 const SWING_WEIGHT: f64 = 0.06;
@@ -283,16 +286,18 @@ pub(super) fn unnatural(rollout: &Rollout) -> f64 {
     penalty(rollout.goals(), rollout.states())
 }
 
-/// Penalty of a motion, rad or m: for overshoot, long paths and jerk in gaps, and for the frame that is
-/// missed most; `states` is (30 + frames, S), up to any frame. In the mean over frames a key of one frame
-/// hardly counts, but a person sees that it is missed, as well as an overshoot by as much.
+/// Penalty of a motion, rad or m: for overshoot, long paths and jerk in gaps, for the frame that is
+/// missed most, and for a free joint that wanders; `states` is (30 + frames, S), up to any frame. In the
+/// mean over frames a key of one frame hardly counts, but a person sees that it is missed, as well as an
+/// overshoot by as much. A joint without goals may move, but not for a small gain of others.
 pub(super) fn penalty(goals: &Goals, states: &[f64]) -> f64 {
     let gap = GapFigures::measure(goals, states, &names(goals)).unwrap_or_default();
     let swing = gap.overshoot.map_or(0.0, |o| o.value);
     let detour = gap.path.map_or(0.0, |p| (p - LONGEST_PATH).max(0.0));
     let jolts = gap.jerk.map_or(0.0, |j| (j - MOST_JERK).max(0.0));
     let missed = (farthest(goals, states) - jam::FAR).max(0.0);
-    SWING_WEIGHT * (swing + missed) + PATH_WEIGHT * detour + JERK_WEIGHT * jolts
+    let wandered = (farthest_free(goals, states) - FREE).max(0.0);
+    SWING_WEIGHT * (swing + missed + wandered) + PATH_WEIGHT * detour + JERK_WEIGHT * jolts
 }
 
 /// The error of the frame that is farthest from its goals, in the mean over its joints, rad or m.
@@ -305,6 +310,20 @@ fn farthest(goals: &Goals, states: &[f64]) -> f64 {
         sum / seen().count().max(1) as f64
     };
     (1..goals.frames().min(reached.len() / d)).map(error).fold(0.0, f64::max)
+}
+
+/// The distance that a joint goes at most from where it was at its last goal, rad or m. A joint without
+/// goals had its last one at frame 0, the start.
+fn farthest_free(goals: &Goals, states: &[f64]) -> f64 {
+    let d = goals.dim();
+    let reached = &states[HISTORY * d..];
+    let frames = goals.frames().min(reached.len() / d);
+    let free = |j: usize| {
+        let last = (1..goals.frames()).rev().find(|&f| goals.is_visible(f, j)).unwrap_or(0);
+        let at = |f: usize| reached[f * d + j];
+        (last + 1..frames).map(move |f| (at(f) - at(last)).abs()).fold(0.0, f64::max)
+    };
+    (0..d).map(free).fold(0.0, f64::max)
 }
 
 /// The part of a penalty that counts beside the distance to the goals.
@@ -419,6 +438,19 @@ mod tests {
         assert!((penalty(&goals, &all) - other - missed).abs() < 1e-12);
         // Before the key nothing is missed.
         assert!(farthest(&goals, &all[..(HISTORY + 20) * 3]) < 1e-9);
+    }
+
+    #[test]
+    fn a_free_joint_may_not_wander_for_nothing() {
+        let seen = &[Some(0.0), None][..];
+        let goals = goals(2, 40, &[(0, &[Some(0.0); 2]), (1, seen), (39, seen)]);
+        let penalty = |far: f64| {
+            let mut all = vec![0.0; (HISTORY + 40) * 2];
+            all[(HISTORY + 20) * 2 + 1] = far;
+            super::penalty(&goals, &all)
+        };
+        assert!(penalty(0.09).abs() < 1e-12);
+        assert!((penalty(-0.5) - SWING_WEIGHT * (0.5 - FREE)).abs() < 1e-12);
     }
 
     #[test]

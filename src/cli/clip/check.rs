@@ -157,6 +157,13 @@ fn deliver(a: &Check, report: &FileReport) -> Outcome {
 fn file(a: &Check, path: &Path, bar: &Bar, cancel: &Cancel) -> Result<FileReport, Failure> {
     let bytes = input::read(path, limits::CLIP_BYTES)?;
     let place = input::place(path);
+    if a.fix && input::is_pipe(path) {
+        let message = format!(
+            "{}: a pipe cannot be written to; --fix takes a file, or - to write the fixed clip to stdout",
+            place.display()
+        );
+        return Err(Failure::usage(message));
+    }
     let mut parsed = crate::clip::parse_bytes(bytes.clone()).map_err(|e| e.in_file(&place))?;
     let robot = super::files::robot_of(&parsed.clip, a.robot.as_deref())?;
     let mut table = super::files::joint_table(&parsed.clip, robot.as_ref());
@@ -167,7 +174,7 @@ fn file(a: &Check, path: &Path, bar: &Bar, cancel: &Cancel) -> Result<FileReport
     let asked = robot.as_ref().filter(|_| a.simulate);
     let simulation = asked.map(|robot| Simulation::new(robot, threads, bar, cancel));
     let mut finder = Finder { table: &table, simulation };
-    let mut lints = finder.find(&parsed.clip)?;
+    let mut lints = finder.find(&parsed.clip).map_err(|e| e.about(&place))?;
     let mut fixed = None;
     if a.fix {
         let (clip, left, done) = finder.fix(&parsed.clip, lints)?;

@@ -81,8 +81,8 @@ impl Fixed {
         }
         match self.kept {
             0 => {}
-            1 => lines.push("    one finding with a suggested fix is left".to_owned()),
-            n => lines.push(format!("    {n} findings with suggested fixes are left")),
+            1 => lines.push("    one finding is left whose fix would leave another".to_owned()),
+            n => lines.push(format!("    {n} findings are left whose fixes would leave others")),
         }
         if self.goals[1] < self.goals[0] {
             lines.push(format!(

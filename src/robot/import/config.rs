@@ -108,6 +108,8 @@ pub struct Report {
     pub files: usize,
     /// Total mass, kg.
     pub mass_kg: f64,
+    /// The mass of the bodies that a joint moves, kg.
+    pub moving_kg: f64,
     /// Parts of the source that are not in the result.
     pub dropped: Vec<String>,
     /// Figures that the source did not give.

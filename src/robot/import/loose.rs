@@ -6,7 +6,7 @@ use std::path::Path;
 use roxmltree::{Document, Node};
 
 use super::draft::Draft;
-use crate::text::{self, Edits};
+use crate::text::Edits;
 use crate::{Error, preparse};
 
 /// Sections whose entries refer to parts of bodies.
@@ -136,14 +136,38 @@ pub(super) fn blank(xml: &str, node: Node<'_, '_>) -> String {
     "\n".repeat(lines)
 }
 
-/// The joints that let a body float, if the file names them.
+/// The joints that let a body float: a free joint, or the ball joint beside three slides without motors.
 pub(super) fn floating<'a, 'd>(doc: &'a Document<'d>) -> Vec<Node<'a, 'd>> {
     let free = |n: &Node<'_, '_>| {
         let says = n.has_tag_name("freejoint")
-            || (n.has_tag_name("joint") && n.attribute("type") == Some("free"));
+            || (n.has_tag_name("joint") && n.attribute("type") == Some("free"))
+            || (is_ball(n) && slides_beside(*n).len() == 3);
         says && n.parent().is_some_and(|p| p.has_tag_name("body"))
     };
     doc.descendants().filter(free).collect()
+}
+
+/// Whether this is a ball joint of a body that nothing else refers to.
+pub(super) fn is_ball(n: &Node<'_, '_>) -> bool {
+    let ball = n.has_tag_name("joint")
+        && n.attribute("type") == Some("ball")
+        && n.parent().is_some_and(|p| p.has_tag_name("body"));
+    ball && !referred(*n)
+}
+
+/// The slides of the same body that nothing refers to.
+pub(super) fn slides_beside<'a, 'd>(joint: Node<'a, 'd>) -> Vec<Node<'a, 'd>> {
+    let slide = |n: &Node<'_, '_>| n.has_tag_name("joint") && n.attribute("type") == Some("slide");
+    let beside = joint.parent().into_iter().flat_map(|body| body.children());
+    beside.filter(|n| slide(n) && !referred(*n)).collect()
+}
+
+/// Whether a motor, tendon or constraint names this joint.
+fn referred(joint: Node<'_, '_>) -> bool {
+    let Some(name) = joint.attribute("name") else { return false };
+    let joints = REFERENCES.iter().find(|(kind, _)| *kind == "joint").map_or(&[][..], |r| r.1);
+    let names = |n: Node<'_, '_>| joints.iter().any(|a| n.attribute(*a) == Some(name));
+    joint.document().descendants().filter(is_entry).any(|entry| entry.descendants().any(names))
 }
 
 /// Whether an equality constraint ties the body of this free joint, or one that it carries, to
@@ -161,22 +185,6 @@ pub(super) fn closes_a_loop(doc: &Document<'_>, joint: Node<'_, '_>) -> bool {
         let loops = entry.has_tag_name("connect") || entry.has_tag_name("weld");
         loops && carried.contains(ends[0]) != carried.contains(ends[1])
     })
-}
-
-/// Three slides and three hinges about the axes of the body, in place of a free joint. A free joint
-/// takes nothing from default classes, so neither do they.
-pub(super) fn six_joints(name: &str) -> String {
-    let name = text::escape(name);
-    let joint = |(part, kind, axis): (&str, &str, &str)| {
-        format!(
-            "<joint name=\"{name}_{part}\" type=\"{kind}\" axis=\"{axis}\" limited=\"false\" damping=\"0\" \
-             armature=\"0\" frictionloss=\"0\" stiffness=\"0\"/>"
-        )
-    };
-    let axes = [("x", "1 0 0"), ("y", "0 1 0"), ("z", "0 0 1")];
-    let slides = axes.map(|(part, axis)| (part, "slide", axis));
-    let hinges = [("roll", "1 0 0"), ("pitch", "0 1 0"), ("yaw", "0 0 1")];
-    slides.into_iter().chain(hinges.map(|(part, axis)| (part, "hinge", axis))).map(joint).collect()
 }
 
 /// The reason why a model with floating bodies is refused, and the solutions: remove loose objects,

@@ -10,6 +10,7 @@ use super::draft::{ASSET_DIR, Draft, physics};
 use super::loose::{self, blank};
 use super::modern;
 use super::sites;
+use super::split;
 use super::words::Words;
 use crate::text::Edits;
 use crate::{Error, mesh, preparse, text};
@@ -138,8 +139,9 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
     mocap(&doc, &mut draft, &mut edits);
     files(&doc, project, &mut draft, &mut edits)?;
     let loosened = free_base(&doc, path, config, &mut draft, &mut edits)?;
+    let split = split::balls(&doc, &mut draft, &mut edits);
     weld(&doc, path, config, &mut draft, &mut edits)?;
-    if loosened || !config.weld.is_empty() {
+    if loosened || split || !config.weld.is_empty() {
         for key in doc.root_element().children().filter(|n| n.has_tag_name("keyframe")) {
             edits.replace(key.range(), blank(&named, key));
             draft.dropped.push("keyframes: their qpos counts the joints that were replaced".into());
@@ -354,10 +356,13 @@ fn free_base(
     };
     for joint in loose {
         edits.replace(joint.range(), "");
+        if loose::is_ball(&joint) {
+            loose::slides_beside(joint).iter().for_each(|s| edits.replace(s.range(), ""));
+        }
         draft.changed.push(format!("\"{}\" no longer floats: held where it is", body(&joint)));
     }
     for joint in tied {
-        edits.replace(joint.range(), loose::six_joints(joint.attribute("name").unwrap_or("free")));
+        edits.replace(joint.range(), split::six_joints(joint.attribute("name").unwrap_or("free")));
         draft.changed.push(format!(
             "\"{}\" floats and closes a loop: its free joint is now three slides and three hinges",
             body(&joint)

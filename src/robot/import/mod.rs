@@ -25,6 +25,7 @@ mod packages;
 mod plausible;
 mod sites;
 mod sound;
+mod split;
 mod unknown;
 mod urdf;
 mod words;
@@ -98,6 +99,7 @@ pub fn import(config: &ImportConfig) -> Result<Report, Error> {
         bodies: model.nbody() - 1,
         files: draft.assets.len(),
         mass_kg: model.body_mass().iter().sum(),
+        moving_kg: model.moving_mass(),
         dropped: draft.dropped,
         assumed: draft.assumed,
         changed: draft.changed,

@@ -14,6 +14,9 @@ use robert_mujoco::{Data, Joint, Kind, Model};
 const POSES: usize = 8;
 /// A motor's limit that is this many times what the most loaded joint needs is a placeholder.
 const ABSURD: f64 = 100.0;
+/// So is one that is this many times what its own joint needs, and [`OTHERS`] times the usual limit.
+const ABSURD_ALONE: f64 = 1000.0;
+const OTHERS: f64 = 10.0;
 /// A limit below this is none, N m or N: a gripper needs force beyond what carries it.
 const USUAL: f64 = 300.0;
 /// Force limit relative to the greatest weight that a motor carries in some pose.
@@ -42,7 +45,11 @@ pub(super) fn check(draft: &mut Draft, model: &Arc<Model>) -> Result<(), Error> 
         (0..loads.len()).filter(like).map(|j| loads[j].without_drive().effort()).fold(0.0, f64::max)
     };
     let most = [most(false), most(true)];
-    let driven = (0..loads.len()).filter(|j| torque_limit(model, *j).is_some()).count();
+    let mut limits: Vec<f64> =
+        (0..loads.len()).filter_map(|j| torque_limit(model, j)).filter(|l| l.is_finite()).collect();
+    limits.sort_by(f64::total_cmp);
+    let usual = limits.get(limits.len() / 2).copied().unwrap_or(f64::INFINITY);
+    let driven = limits.len();
     let (mut weak, mut absurd, mut rubbing) = (Vec::new(), Vec::new(), Vec::new());
     for (j, load) in loads.iter().enumerate() {
         let Some(limit) = torque_limit(model, j) else { continue };
@@ -53,11 +60,14 @@ pub(super) fn check(draft: &mut Draft, model: &Arc<Model>) -> Result<(), Error> 
             rubbing.push(Unfit { joint: j, asked: friction, limit });
         } else if median > limit {
             weak.push(Unfit { joint: j, asked: median, limit });
-        } else if limit > (ABSURD * most).max(USUAL) {
+        } else if limit > USUAL
+            && (limit > ABSURD * most
+                || limit > OTHERS * usual && limit > ABSURD_ALONE * load.without_drive().effort())
+        {
             absurd.push(Unfit { joint: j, asked: most, limit });
         }
     }
-    let mass: f64 = model.body_mass().iter().sum();
+    let mass = model.moving_mass();
     if !weak.is_empty() {
         draft.warnings.push(format!(
             "the motors of {} of {driven} joints with a torque limit cannot hold the robot of {mass:.1} kg up in \
@@ -76,8 +86,8 @@ pub(super) fn check(draft: &mut Draft, model: &Arc<Model>) -> Result<(), Error> 
     }
     if !absurd.is_empty() {
         draft.warnings.push(format!(
-            "the motors of {} of {driven} joints with a torque limit have more than {ABSURD} times the force with \
-             which any joint carries and moves this robot of {mass:.3} kg (N m or N): {}; if these limits are \
+            "the motors of {} of {driven} joints with a torque limit have far more than the force that moves them, \
+             in this robot of {mass:.3} kg (N m or N): {}; if these limits are \
              placeholders, write the real ones into the file, because a drive that the file leaves out is \
              modelled in proportion",
             absurd.len(),

@@ -10,6 +10,8 @@ use robert_base::units::Unit;
 
 /// Two turns, rad: beyond what a pose in rad needs.
 const TURNS: f64 = 12.6;
+/// How far a pose that is read as degrees may be beyond the limits, rad: 20 degrees.
+const BEYOND: f64 = 0.35;
 
 impl Finder<'_> {
     pub(in crate::lint) fn limits(&mut self) {
@@ -68,14 +70,15 @@ impl Finder<'_> {
     }
 
     /// The hinges of a pose, read as degrees: name, place and value in rad. `None` if one would be
-    /// outside of its range, or if the values were solved, which gives rad.
+    /// more than [`BEYOND`] outside of its range, or if the values were solved, which gives rad.
     fn degrees(&self, place: &Place<'_>) -> Option<Vec<(&str, usize, f64)>> {
         let row = self.clip.robot.joints.iter().zip(place.row).enumerate();
         let hinges = row.filter_map(|(at, (name, value))| {
             let joint = self.table.joint(name).filter(|joint| joint.unit == Unit::Rad)?;
             Some((name.as_str(), at, joint, (*value)?.to_radians()))
         });
-        let read = hinges.map(|(name, at, joint, q)| inside(joint, q).then_some((name, at, q)));
+        let read =
+            hinges.map(|(name, at, joint, q)| inside_by(joint, q, BEYOND).then_some((name, at, q)));
         if place.is_solved { None } else { read.collect() }
     }
 
@@ -120,5 +123,10 @@ impl Finder<'_> {
 /// Whether a value is in the range of a joint. The grid of the document is 1e-6; a limit of pi/2 must
 /// accept 1.570796.
 fn inside(joint: &JointFacts, value: f64) -> bool {
-    joint.range.is_none_or(|[lo, hi]| (lo - 1e-6..=hi + 1e-6).contains(&value))
+    inside_by(joint, value, 1e-6)
+}
+
+/// Whether a value is less than `margin` outside of the range of a joint.
+fn inside_by(joint: &JointFacts, value: f64, margin: f64) -> bool {
+    joint.range.is_none_or(|[lo, hi]| (lo - margin..=hi + margin).contains(&value))
 }
