@@ -148,7 +148,7 @@ fn limits_that_no_joint_needs_are_called_placeholders() {
     let said = warned("10000");
     assert!(
         said.contains(
-            "the motors of 1 of 2 joints with a torque limit have more than 100 times the force"
+            "the motors of 1 of 2 joints with a torque limit have far more than the force"
         ),
         "{said}"
     );
@@ -930,4 +930,37 @@ fn a_platform_that_closes_a_loop_gets_six_joints() {
         "{}",
         ran.stderr
     );
+}
+
+#[test]
+fn balls_become_hinges_and_a_base_that_floats_is_one() {
+    let model = |base: &str| {
+        format!(
+            r#"<mujoco><compiler angle="radian"/><worldbody><body name="hip" pos="0 0 1">{base}
+  <geom size=".1" mass="2"/><body name="leg"><joint name="knee" axis="0 1 0" damping="1" armature=".1"/>
+  <geom type="capsule" fromto="0 0 0 0 0 -.4" size=".03" mass=".5"/>
+  <body name="rod" pos="0 0 -.4"><joint name="eye" type="ball" damping=".02" armature=".001"/>
+  <geom type="capsule" fromto="0 0 0 .2 0 0" size=".01" mass=".1"/></body></body></body></worldbody>
+  <actuator><motor joint="knee" gear="20" ctrlrange="-1 1"/></actuator></mujoco>"#
+        )
+    };
+    let ran =
+        robert().file("m.xml", &model("")).args(["import", "m.xml", "--out", "bot"]).succeeds();
+    let robot = Robot::from_folder(&ran.path("bot")).unwrap();
+    let names: Vec<&str> = robot.joints().iter().map(|j| j.name.as_str()).collect();
+    assert_eq!(names, ["knee", "eye_roll", "eye_pitch", "eye_yaw"]);
+    assert_eq!(robot.model().dof_damping()[1..], [0.02; 3]);
+    assert!(ran.stdout.contains("three hinges each: eye"), "{}", ran.stdout);
+
+    let floating = r#"<joint type="slide" axis="1 0 0"/>
+<joint type="slide" axis="0 1 0"/>
+<joint type="slide" axis="0 0 1"/>
+<joint type="ball"/>"#;
+    let ran = robert().file("m.xml", &model(floating)).args(["import", "m.xml", "--out", "bot"]);
+    let ran = ran.fails(3);
+    let said = ran.stderr.contains("m.xml:4:1") && ran.stderr.contains("\"hip\" still");
+    assert!(said && ran.stderr.contains("--fixed-base"), "{}", ran.stderr);
+    let args = ["import", "m.xml", "--out", "bot", "--fixed-base"];
+    let ran = robert().file("m.xml", &model(floating)).args(args).succeeds();
+    assert_eq!(Robot::from_folder(&ran.path("bot")).unwrap().joints().len(), 4);
 }

@@ -213,7 +213,7 @@ mod tests {
     #[test]
     fn a_left_and_a_right_pair_are_on_the_same_side_of_the_limit() {
         assert_eq!(widest_gap([0.1, 0.95].into_iter()), 0.8, "nothing between");
-        assert_eq!(widest_gap([0.1, 0.69, 0.71, 0.95].into_iter()), 0.69);
+        assert_eq!(widest_gap([0.1, 0.72, 0.74, 0.95].into_iter()), 0.72);
         assert_eq!(widest_gap([0.61, 0.63, 0.95].into_iter()), 0.8);
     }
 }

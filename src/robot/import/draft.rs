@@ -3,7 +3,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use super::sites::Tie;
 use super::words::Words;
 use crate::{Assets, Error, mesh, preparse, text};
 use robert_base::fsio;
@@ -12,6 +11,14 @@ use robert_base::units;
 
 /// The folder of meshes and textures inside a robot's folder.
 pub(super) const ASSET_DIR: &str = "assets";
+
+/// Two sites that are tied, and where the file says so.
+#[derive(Clone, Debug)]
+pub(super) struct Tie {
+    pub(super) sites: [String; 2],
+    pub(super) line: u32,
+    pub(super) column: u32,
+}
 
 /// See the module.
 #[derive(Debug, Default)]

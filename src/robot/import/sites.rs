@@ -10,21 +10,13 @@ use std::sync::Arc;
 
 use roxmltree::{Document, Node};
 
-use super::draft::Draft;
+use super::draft::{Draft, Tie};
 use crate::text::{Edits, escape};
 use crate::{Error, preparse};
 use robert_mujoco::{Data, Kind, Model};
 
 /// Two sites that are farther apart in the default pose cannot be tied, m.
 const APART: f64 = 1e-3;
-
-/// Two sites that are tied, and where the file says so.
-#[derive(Clone, Debug)]
-pub(super) struct Tie {
-    sites: [String; 2],
-    line: u32,
-    column: u32,
-}
 
 /// The text with bodies in place of the sites of every `<connect>`.
 ///
