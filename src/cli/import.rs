@@ -126,16 +126,21 @@ impl ModelFlags {
     }
 }
 
+/// How much of a mass moves, if it is not all.
+pub(super) fn still(mass: f64, moving: f64) -> String {
+    if mass - moving > 5e-4 { format!(" ({moving:.3} kg of it move)") } else { String::new() }
+}
+
 fn print(r: &Report) -> Outcome {
     out::line(&format!(
-        "{}: state {}, action {}, {} bodies, {} files, {:.3} kg ({:.3} kg of it move), from {}",
+        "{}: state {}, action {}, {} bodies, {} files, {:.3} kg{}, from {}",
         r.id,
         r.state_dim,
         r.action_dim,
         r.bodies,
         r.files,
         r.mass_kg,
-        r.moving_kg,
+        still(r.mass_kg, r.moving_kg),
         r.format.to_uppercase()
     ))?;
     for (what, list) in [

@@ -141,9 +141,10 @@ fn show(robot: &str, json: bool, toml: bool) -> Outcome {
         return out::json(&value);
     }
     let p = robot.profile();
+    let still = super::import::still(mass, moving);
     out::line(&format!("{} ({})\n{}\n", p.title, robot.id(), p.about))?;
     out::line(&format!(
-        "state {}, action {}, mass {mass:.3} kg ({moving:.3} kg of it move), step {} s x {SUBSTEPS}, contacts {}\n",
+        "state {}, action {}, mass {mass:.3} kg{still}, step {} s x {SUBSTEPS}, contacts {}\n",
         robot.state_dim(),
         robot.action_dim(),
         model.timestep(),
@@ -172,7 +173,7 @@ fn show(robot: &str, json: bool, toml: bool) -> Outcome {
             Drive::Tendon(n) => format!("tendon {n}"),
             Drive::Joint(n) | Drive::Other(n) => n.clone(),
         };
-        t.add_row([a.name.clone(), drives, a.ctrlrange[0].to_string(), a.ctrlrange[1].to_string()]);
+        t.add_row([a.name.clone(), drives, short(a.ctrlrange[0]), short(a.ctrlrange[1])]);
     }
     out::line(&t.to_string())?;
     let groups: Vec<String> =
@@ -186,9 +187,16 @@ fn show(robot: &str, json: bool, toml: bool) -> Outcome {
     });
     let sites = sites.flatten();
     let sites: Vec<String> = sites.collect();
-    out::line(&format!("ik sites {}; m, at home", sites.join(", ")))?;
+    if !sites.is_empty() {
+        out::line(&format!("ik sites {}; m, at home", sites.join(", ")))?;
+    }
     out::line(&format!("mirror   {}", robot.mirror_reason().unwrap_or("yes")))?;
     out::line(&format!("licence  {}", p.licence))
+}
+
+/// A range as it was written, up to six decimals.
+fn short(range: f64) -> String {
+    ((range * 1e6).round() / 1e6).to_string()
 }
 
 /// The place of a site in a pose.

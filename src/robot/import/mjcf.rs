@@ -240,6 +240,10 @@ fn attributes(node: Node<'_, '_>, edits: &mut Edits, removed: &mut BTreeSet<Stri
             }
         }
     }
+    // MuJoCo 4 writes what kind of servo the gains make.
+    if tag == "general" && node.attribute("input") == Some("pos") {
+        edits.unset(node, "input");
+    }
     if tag == "option" && matches!(node.attribute("integrator"), Some("implicitfast")) {
         edits.unset(node, "integrator");
     }

@@ -21,7 +21,7 @@ const POSE: &[&str] = &["pos", "quat", "axisangle", "xyaxes", "zaxis", "euler", 
 const REFUSED: &[(&str, &str)] = &[
     (
         "attach",
-        "<attach> puts another model here, which is MuJoCo 3's own work; write the whole model first: mujoco.MjSpec.from_file(FILE).to_xml()",
+        "<attach> puts another model here, which is MuJoCo 3's own work; write the whole model first: mujoco.MjSpec.from_file(FILE).to_xml(), with the meshdir of the attached model in its <compiler>",
     ),
     (
         "flexcomp",
