@@ -185,6 +185,38 @@ fn trained_agents_serve_another_amount() {
     assert!(read("a") == read("b"));
 }
 
+/// The library, Python, the studio and `robert new` have the same default.
+#[test]
+fn a_robot_that_is_not_built_in_is_recorded_with_babbling() {
+    let dir = tempfile::tempdir().unwrap();
+    let arm = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/arm.urdf");
+    let (code, _, err) = call(dir.path(), &["import", arm, "--out", "arm"]);
+    assert_eq!(code, 0, "{err}");
+    for (robot, agent) in [("arm", "babble"), ("pointmass", "noise")] {
+        let data = format!("{robot}-data");
+        let few = ["collect", "--robot", robot, "--transitions", "60", "--out", &data, "--json"];
+        json(dir.path(), &few);
+        let spec =
+            format!("kind = \"collect\"\nrobot = \"{robot}\"\ntransitions = 60\nshards = 1\n");
+        std::fs::write(dir.path().join("spec.toml"), spec).unwrap();
+        let (work, all) = (format!("{robot}-work"), format!("{robot}-all"));
+        for args in [
+            &["shard", "plan", "spec.toml", "--out", &work][..],
+            &["shard", "run", &work, "--index", "0"],
+            &["shard", "merge", &work, "--out", &all],
+        ] {
+            let (code, _, err) = call(dir.path(), args);
+            assert_eq!(code, 0, "{err}");
+        }
+        for data in [&data, &all] {
+            let text = std::fs::read(dir.path().join(data).join("manifest.json")).unwrap();
+            let manifest: serde_json::Value = serde_json::from_slice(&text).unwrap();
+            let agents = manifest["statistics"]["agents"].as_object().unwrap();
+            assert_eq!(agents.keys().collect::<Vec<_>>(), [agent], "{data}");
+        }
+    }
+}
+
 #[test]
 fn bad_requests_are_refused_before_work_begins() {
     let ran = robert().args(["collect", "--robot", "nobody", "--out", "x"]).run();

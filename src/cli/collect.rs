@@ -24,7 +24,7 @@ pub(super) struct Args {
     #[arg(long)]
     robot: String,
     /// The collectors, with equal shares: rnd, icm, apt, aps, proto, noise, babble, uniform
-    /// [default: noise].
+    /// [default: noise for a built-in robot, babble for another one that it can drive].
     #[arg(long, value_delimiter = ',')]
     agent: Vec<AgentKind>,
     /// Frames to record in total, such as 400k or 2.5M [default: 400k].
@@ -124,13 +124,12 @@ fn config(args: &Args, robot: &Robot) -> Outcome<CollectConfig> {
         preset.set(assignment)?;
     }
     let defaults = CollectConfig::new(robot);
-    let agents = if args.agent.is_empty() { vec![AgentKind::Noise] } else { args.agent.clone() };
     Ok(CollectConfig {
-        agents,
+        agents: if args.agent.is_empty() { defaults.agents } else { args.agent.clone() },
         preset,
-        transitions: args.transitions.unwrap_or(400_000),
-        seed: args.seed.unwrap_or(0),
-        episode_frames: args.episode_frames.unwrap_or(250),
+        transitions: args.transitions.unwrap_or(defaults.transitions),
+        seed: args.seed.unwrap_or(defaults.seed),
+        episode_frames: args.episode_frames.unwrap_or(defaults.episode_frames),
         snapshots_until: args.snapshots_until.unwrap_or(defaults.snapshots_until),
         plants: args.plants,
         agents_from: args.agents_from.clone(),

@@ -93,7 +93,9 @@ pub(super) fn record(
     out: &Path,
     progress: &dyn Progress,
 ) -> Result<PathBuf, Error> {
-    if let Some(agent) = spec.agents.iter().find(|a| a.learns()) {
+    let usual = CollectConfig::new(robot);
+    let agents = spec.agents.as_ref().unwrap_or(&usual.agents);
+    if let Some(agent) = agents.iter().find(|a| a.learns()) {
         let why = format!(
             "[collect] records with collectors that need no training, not {}; plan a collection of its own, or use data = \"DIR\"",
             agent.name()
@@ -101,11 +103,11 @@ pub(super) fn record(
         return Err(Error::Spec { why, place: "agents".to_owned() });
     }
     let config = CollectConfig {
-        agents: spec.agents.clone(),
+        agents: agents.clone(),
         transitions: spec.transitions,
         seed: spec.seed,
         episode_frames: spec.episode_frames,
-        ..CollectConfig::new(robot)
+        ..usual
     };
     let text = json::line(spec);
     let hash = fsio::sha256_hex(format!("{} {text}", fingerprint(robot)?).as_bytes());

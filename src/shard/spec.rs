@@ -42,9 +42,9 @@ pub struct Collect {
     kind: String,
     /// Robot id or folder.
     pub robot: String,
-    /// Collectors with equal parts.
-    #[serde(default = "noise")]
-    pub agents: Vec<AgentKind>,
+    /// Collectors with equal parts; without them the default for the robot.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub agents: Option<Vec<AgentKind>>,
     /// Frames in all.
     pub transitions: u64,
     /// Number of shards; shard K has the seed `seed + K`.
@@ -138,9 +138,9 @@ pub struct Train {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Recording {
-    /// Collectors that need no training.
-    #[serde(default = "noise")]
-    pub agents: Vec<AgentKind>,
+    /// Collectors that need no training; without them the default for the robot.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub agents: Option<Vec<AgentKind>>,
     /// Frames.
     pub transitions: u64,
     /// Seed.
@@ -151,9 +151,6 @@ pub struct Recording {
     pub episode_frames: u64,
 }
 
-fn noise() -> Vec<AgentKind> {
-    vec![AgentKind::Noise]
-}
 fn url_fast() -> String {
     "url-fast".to_owned()
 }
@@ -260,7 +257,7 @@ impl Collect {
         let plants = self.plants.as_deref().map(str::parse::<PlantRange>).transpose()?;
         let usual = CollectConfig::new(robot);
         Ok(CollectConfig {
-            agents: self.agents.clone(),
+            agents: self.agents.clone().unwrap_or(usual.agents),
             preset,
             transitions,
             seed,
