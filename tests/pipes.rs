@@ -126,3 +126,14 @@ fn messages_that_nobody_can_hear_end_no_work() {
         assert_eq!(out.status.code(), Some(0), "{args:?}");
     }
 }
+
+#[test]
+fn json_lines_are_for_commands_that_print_json() {
+    let ran = robert().args(["--jsonl", "completions", "bash"]).fails(2);
+    assert!(ran.stderr.contains("--jsonl is only for commands that have --json"), "{}", ran.stderr);
+    let ran = robert().args(["robots", "ls", "--jsonl"]).succeeds();
+    assert_eq!(ran.stdout.lines().count(), 1, "{}", ran.stdout);
+    // An argument behind `--` is no option.
+    let ran = robert().args(["robots", "show", "--", "--jsonl"]).fails(3);
+    assert!(ran.stdout.is_empty() && ran.stderr.contains("--jsonl"), "{}", ran.stderr);
+}

@@ -46,6 +46,7 @@ pub use failure::{Failure, Outcome};
 use std::ffi::OsString;
 use std::process::ExitCode;
 
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::child::{self, OnParentExit};
@@ -125,6 +126,16 @@ enum Command {
     CompileCheck(check::Args),
 }
 
+/// The option that `--jsonl` implies.
+const JSON: &str = "--json";
+
+/// Whether the command does not know `--json`.
+fn is_about_json(e: &clap::Error) -> bool {
+    let named = e.get(ContextKind::InvalidArg);
+    e.kind() == ErrorKind::UnknownArgument
+        && matches!(named, Some(ContextValue::String(name)) if name == JSON)
+}
+
 /// Parses, runs, reports: what `main` does.
 pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     ExitCode::from(call(args).code())
@@ -135,12 +146,19 @@ pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
 pub fn call(args: impl IntoIterator<Item = OsString>) -> Exit {
     crate::mujoco::set_env_at_start("NODEVICE_SELECT", "1");
     let mut args: Vec<OsString> = args.into_iter().collect();
-    let given = |args: &[OsString], flag: &str| args.iter().skip(1).any(|a| a == flag);
-    if given(&args, "--jsonl") && !given(&args, "--json") {
-        args.push("--json".into());
+    // What follows `--` are not options of this program.
+    let end = args.iter().position(|a| a == "--").unwrap_or(args.len());
+    let given = |flag: &str| args.iter().take(end).skip(1).any(|a| a == flag);
+    let implied = given("--jsonl") && !given(JSON);
+    if implied {
+        args.insert(end, JSON.into());
     }
     let cli = match Cli::try_parse_from(args) {
         Ok(cli) => cli,
+        Err(e) if implied && is_about_json(&e) => {
+            let why = "--jsonl is only for commands that have --json";
+            return usage(&Cli::command().error(ErrorKind::UnknownArgument, why));
+        }
         Err(e) => return usage(&e),
     };
     if cli.global.jsonl {
