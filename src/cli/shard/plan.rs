@@ -47,7 +47,10 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     if args.copy_binary {
         let to = copied(&args.out);
         let fail = |source| crate::fsio::Error::Write { source, path: to.clone() };
-        let bytes = std::fs::read("/proc/self/exe").map_err(fail)?;
+        // This program, whose hash is in the plan, even if another build has replaced its file.
+        let own = Path::new("/proc/self/exe");
+        let bytes = std::fs::read(own)
+            .map_err(|source| crate::fsio::Error::Read { source, path: own.to_owned() })?;
         crate::fsio::write_atomic(&to, &bytes)?;
         executable(&to).map_err(fail)?;
     }
