@@ -460,6 +460,8 @@ fn the_scripts_for_clusters_are_the_golden_ones() {
         "--partition=short",
     ];
     let text = plain(&ok(dir, &[&base[..], &slurm].concat()), dir);
+    let lines = ok(dir, &[&["--jsonl"], &base[..], &slurm].concat());
+    assert!(!lines.contains("--json"), "an option of this program went to sbatch: {lines}");
     golden("shards.sbatch", &text.replace(&plan_kind, "KIND"));
     let list = files(&dir.join("w/submit"));
     assert_eq!(list.len(), 1, "a dry run sends nothing: {list:?}");
@@ -467,11 +469,52 @@ fn the_scripts_for_clusters_are_the_golden_ones() {
     assert_eq!(lines, "0-2\n3-5\n6-8\n9-11\n12-14\n15-17\n18-19\n");
     let pods = ["kubernetes", "--image", "robert:1", "--claim", "work", "--pack", "4"];
     golden("shards.yaml", &ok(dir, &[&base[..], &pods].concat()));
+    let other = ok(dir, &[&base[..], &pods, &["--any-build"]].concat());
+    assert!(other.contains("--threads 1 --any-build\n"), "{other}");
     // A task of the list, as the queue would call it.
     let tasks = list[0].to_str().unwrap();
     let out = ok(dir, &["shard", "run", "w", "--tasks", tasks, "--task", "6"]);
     assert_eq!(out, "shard 18: done\nshard 19: done\n");
     assert_eq!(call(dir, &["shard", "run", "w", "--tasks", tasks, "--task", "7"]).0, 3);
+}
+
+#[test]
+fn an_option_that_a_backend_does_not_have_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    plan(dir, EVAL, "w");
+    for (backend, options) in [
+        ("kubernetes", "--jobs=2 --time=1:00 --warn=60 --merge=out --max-array=9 --dry-run --json"),
+        ("local", "--pack=2 --limit=2 --mem=1G --time=1:00 --image=a --claim=b --dry-run"),
+        ("slurm", "--jobs=2 --image=a --claim=b"),
+    ] {
+        for option in options.split(' ') {
+            let (code, _, err) = call(dir, &["shard", "submit", "w", "--backend", backend, option]);
+            let flag = option.split('=').next().unwrap();
+            assert!(err.contains(flag) && err.contains("only for"), "{backend} {option}: {err}");
+            assert_eq!(code, 2, "{backend} {option}");
+        }
+    }
+    let sbatch = ["shard", "submit", "w", "--backend", "local", "--", "--partition=short"];
+    assert_eq!(call(dir, &sbatch).0, 2);
+    assert_eq!(indices(&status(dir, "w")["missing"]).len(), 12);
+}
+
+/// No queue is asked when every shard is done.
+#[test]
+fn repeating_a_submission_to_slurm_merges_what_is_done() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    plan(dir, EVAL, "w");
+    ok(dir, &["shard", "run", "w", "--index", "0", "--count", "12"]);
+    let submit = ["shard", "submit", "w", "--backend", "slurm", "--merge", "out"];
+    assert_eq!(ok(dir, &[&submit[..], &["--dry-run"]].concat()), "");
+    assert!(!dir.join("out").exists());
+    assert_eq!(ok(dir, &submit), "0 shards done, 12 done before\n");
+    assert!(dir.join("out/merged.json").is_file());
+    let report = ok(dir, &[&submit[..], &["--json"]].concat());
+    let report: Value = serde_json::from_str(&report).unwrap();
+    assert_eq!(report, serde_json::json!({ "done": 0, "done_before": 12 }));
 }
 
 #[test]

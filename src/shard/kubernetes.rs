@@ -1,8 +1,9 @@
 //! An Indexed Job of Kubernetes: the same command with `JOB_COMPLETION_INDEX`.
 //!
-//! An exit code that a repetition cannot change (2 to 5) fails its index at once. Other exit codes
-//! count against the index's own limit (`backoffLimitPerIndex`, stable since Kubernetes 1.33). Only
-//! the text of the job is made here; it has not been tried on a cluster.
+//! An exit code that a repetition cannot change (2 to 4) fails its index at once. Other exit codes
+//! count against the index's own limit (`backoffLimitPerIndex`, stable since Kubernetes 1.33): another
+//! node may have the processor that the plan wants (5). Only the text of the job is made here; it has
+//! not been tried on a cluster.
 
 use std::path::Path;
 
@@ -28,11 +29,14 @@ pub struct Options {
     pub memory: String,
     /// Shards in a pod.
     pub pack: usize,
+    /// Further options of `robert shard run`.
+    pub run: Vec<String>,
 }
 
 /// The manifest of the job.
 pub fn job(plan: &Plan, options: &Options) -> String {
-    let Options { image, claim, dir, limit, cpus, memory, pack } = options;
+    let Options { image, claim, dir, limit, cpus, memory, pack, run } = options;
+    let more: String = run.iter().map(|word| format!(" {word}")).collect();
     let name: String = plan
         .name
         .to_ascii_lowercase()
@@ -58,7 +62,7 @@ spec:
       - action: FailIndex
         onExitCodes:
           operator: In
-          values: [2, 3, 4, 5]
+          values: [2, 3, 4]
   template:
     spec:
       restartPolicy: Never
@@ -67,7 +71,7 @@ spec:
           image: {image}
           command: ["/bin/bash", "-c"]
           args:
-            - exec robert shard run '{dir}' --index "$((JOB_COMPLETION_INDEX * {pack}))" --count {pack} --threads {cpus}
+            - exec robert shard run '{dir}' --index "$((JOB_COMPLETION_INDEX * {pack}))" --count {pack} --threads {cpus}{more}
           resources:
             limits:
               cpu: "{cpus}"

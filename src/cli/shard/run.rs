@@ -112,7 +112,7 @@ fn perform(
                 results.push(serde_json::json!({ "index": index, "done": how }));
             }
             Err(e) if pool::alone(e.exit()) && indices.len() > 1 => {
-                eprintln!("shard {index}: {e}");
+                out::aside(format!("shard {index}: {e}"));
                 if worst.as_ref().is_none_or(|w| rank(&e) > rank(w)) {
                     worst = Some(e);
                 }
