@@ -155,7 +155,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         args.policy.iter().map(|p| args.conditions.policy(p)).collect::<Outcome<_>>()?;
     let plant = args.conditions.plant()?;
     if let Some(x) = args.max_precision.filter(|x| !(x.is_finite() && *x >= 0.0)) {
-        return Err(Failure::usage(format!("--max-precision takes a number above 0, not {x}")));
+        return Err(Failure::usage(format!("--max-precision takes 0 or more, not {x}")));
     }
     if let Some(path) = &args.plot {
         plot::may_save(path)?;
