@@ -35,6 +35,7 @@ fn every_format_is_written_twice_the_same() {
     ] {
         let (first, second) = (exported(&take, to, out, &[]), exported(&take, to, out, &[]));
         let report = first.json();
+        assert_eq!(report["format"], to);
         let files: Vec<String> = serde_json::from_value(report["files"].clone()).unwrap();
         assert!(!files.is_empty() && report["frames"].as_u64().unwrap() > 0, "{to}: {report}");
         for file in &files {
@@ -117,6 +118,15 @@ fn what_does_not_fit_is_refused_with_its_reason() {
     let export = |more: &[&'static str]| [&["export", "a.mcap", "--to"][..], more].concat();
     fails(&export(&["glb", "--goal"]), 2, "--goal is for --to ros");
     fails(&export(&["csv", "--video", "64x64"]), 2, "--video is for --to lerobot");
+    for (flag, value, of) in [
+        ("--bodies", "mujoco", "npz"),
+        ("--ur-move", "servoj", "ur"),
+        ("--action", "position", "lerobot"),
+        ("--lerobot-version", "3.0", "lerobot"),
+        ("--viser-client", "note/x", "html"),
+    ] {
+        fails(&export(&["csv", flag, value]), 2, &format!("{flag} is for --to {of}"));
+    }
     fails(&export(&["ros", "--lead-in=-1", "-o", "a.yaml"]), 2, "--lead-in takes 0 to 3600");
     fails(&export(&["lerobot", "-o", "-"]), 2, "a folder cannot go to stdout");
     fails(&export(&["lerobot", "-o", "note"]), 2, "no earlier export");

@@ -40,12 +40,12 @@ pub(in crate::cli) struct Args {
     /// Rows per second of lafan and npz [default: lafan 20, npz 50].
     #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub(super) fps: Option<u32>,
-    /// Order of bodies and joints in an npz file.
-    #[arg(long, value_enum, default_value_t = BodiesArg::Mujoco)]
-    pub(super) bodies: BodiesArg,
-    /// The motion command of a UR5e's program.
-    #[arg(long, value_enum, default_value_t = UrArg::Servoj)]
-    pub(super) ur_move: UrArg,
+    /// Order of bodies and joints in an npz file [default: mujoco].
+    #[arg(long, value_enum)]
+    pub(super) bodies: Option<BodiesArg>,
+    /// The motion command of a UR5e's program [default: servoj].
+    #[arg(long, value_enum)]
+    pub(super) ur_move: Option<UrArg>,
     /// Rename joints: a file with TOML lines such as elbow_joint = "elbow_flex"; for ros, bag and
     /// lerobot.
     #[arg(long, value_name = "FILE")]
@@ -80,15 +80,15 @@ pub(super) struct RosFlags {
 /// For LeRobot.
 #[derive(clap::Args, Debug)]
 pub(super) struct LearnFlags {
-    /// The content of the action column of a LeRobot dataset.
-    #[arg(long, value_enum, default_value_t = ActionArg::Position)]
-    pub(super) action: ActionArg,
+    /// The content of the action column of a LeRobot dataset [default: position].
+    #[arg(long, value_enum)]
+    pub(super) action: Option<ActionArg>,
     /// Angles of a LeRobot dataset in degrees.
     #[arg(long)]
     pub(super) degrees: bool,
-    /// Layout of a LeRobot dataset.
-    #[arg(long, value_enum, default_value = "3.0", value_name = "VERSION")]
-    pub(super) lerobot_version: VersionArg,
+    /// Layout of a LeRobot dataset [default: 3.0].
+    #[arg(long, value_enum, value_name = "VERSION")]
+    pub(super) lerobot_version: Option<VersionArg>,
     /// Film each episode of a LeRobot dataset at this size: 640x480.
     #[arg(long, value_name = "WxH")]
     pub(super) video: Option<String>,
@@ -105,30 +105,32 @@ impl Args {
             return Err(Failure::usage("--what command is for csv, json, mjcf, ros, bag and ur"));
         }
         let of_ros = matches!(self.to, Format::Ros | Format::Bag);
+        let (to, learn) = (self.to, &self.learn);
+        let lerobot = to == Format::Lerobot;
         let lead = self.ros.lead_in;
         if !(0.0..=3600.0).contains(&lead) {
             return Err(Failure::usage(format!("--lead-in takes 0 to 3600 s, not {lead}")));
         }
         let given = [
-            ("--with-model", self.with_model, self.to == Format::Mjcf, "mjcf"),
-            ("--goal", self.ros.goal, self.to == Format::Ros, "ros"),
+            ("--with-model", self.with_model, to == Format::Mjcf, "mjcf"),
+            ("--goal", self.ros.goal, to == Format::Ros, "ros"),
             ("--lead-in", lead > 0.0, of_ros, "ros and bag"),
             ("--effort", self.ros.effort, of_ros, "ros and bag"),
-            (
-                "--rename",
-                self.rename.is_some(),
-                of_ros || self.to == Format::Lerobot,
-                "ros, bag and lerobot",
-            ),
-            ("--degrees", self.learn.degrees, self.to == Format::Lerobot, "lerobot"),
-            ("--video", self.learn.video.is_some(), self.to == Format::Lerobot, "lerobot"),
+            ("--rename", self.rename.is_some(), of_ros || lerobot, "ros, bag and lerobot"),
+            ("--degrees", learn.degrees, lerobot, "lerobot"),
+            ("--video", learn.video.is_some(), lerobot, "lerobot"),
+            ("--action", learn.action.is_some(), lerobot, "lerobot"),
+            ("--lerobot-version", learn.lerobot_version.is_some(), lerobot, "lerobot"),
+            ("--task", learn.task.is_some(), to.gathers(), "lerobot and minari"),
             (
                 "--fps",
                 self.fps.is_some(),
-                matches!(self.to, Format::Lafan | Format::Npz),
+                matches!(to, Format::Lafan | Format::Npz),
                 "lafan and npz",
             ),
-            ("--task", self.learn.task.is_some(), self.to.gathers(), "lerobot and minari"),
+            ("--bodies", self.bodies.is_some(), to == Format::Npz, "npz"),
+            ("--ur-move", self.ur_move.is_some(), to == Format::Ur, "ur"),
+            ("--viser-client", self.viser_client.is_some(), to == Format::Html, "html"),
         ];
         if let Some((flag, _, _, of)) = given.iter().find(|(_, asked, fits, _)| *asked && !fits) {
             return Err(Failure::usage(format!("{flag} is for --to {of}")));

@@ -43,6 +43,11 @@ pub(super) enum Format {
 }
 
 impl Format {
+    /// The word after `--to`.
+    pub(super) fn name(self) -> String {
+        self.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned())
+    }
+
     /// Goes to stdout where no file is named.
     pub(super) fn is_printed(self) -> bool {
         matches!(self, Format::Csv | Format::Json | Format::Mjcf | Format::Ros)

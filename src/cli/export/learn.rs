@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
-use super::format::{ActionArg, Format};
+use super::format::{ActionArg, Format, VersionArg};
 use super::plan::{Plan, say};
 use super::source::Source;
 use crate::cli::bar::Bar;
@@ -49,7 +49,7 @@ impl Plan<'_> {
         if args.json {
             return out::json(&json!({
                 "out": path,
-                "format": args.to.suffix(),
+                "format": args.to.name(),
                 "files": files,
                 "frames": export.frames,
                 "bytes": export.bytes(),
@@ -62,10 +62,10 @@ impl Plan<'_> {
     fn options(&self) -> LeRobotOptions {
         let learn = &self.args.learn;
         LeRobotOptions {
-            version: learn.lerobot_version.into(),
+            version: learn.lerobot_version.unwrap_or(VersionArg::V3).into(),
             action: match learn.action {
-                ActionArg::Position => LeRobotAction::Position,
-                ActionArg::Torque => LeRobotAction::Torque,
+                None | Some(ActionArg::Position) => LeRobotAction::Position,
+                Some(ActionArg::Torque) => LeRobotAction::Torque,
             },
             degrees: learn.degrees,
             rename: self.rename.clone(),

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use serde_json::json;
 
 use super::args::Args;
-use super::format::Format;
+use super::format::{BodiesArg, Format, UrArg};
 use super::source::Source;
 use crate::cli::failure::Outcome;
 use crate::cli::global::Global;
@@ -88,11 +88,18 @@ impl Plan<'_> {
             Format::Lafan => lafan(take, source.robot()?, args.fps.unwrap_or(FPS))?,
             Format::Npz => {
                 let fps = args.fps.unwrap_or(TRACKING_FPS);
-                tracking(take, source.robot()?, fps, args.bodies.into())?
+                tracking(
+                    take,
+                    source.robot()?,
+                    fps,
+                    args.bodies.unwrap_or(BodiesArg::Mujoco).into(),
+                )?
             }
             Format::Ros => ros(take, what, &self.ros_options(known))?,
             Format::Bag => bag(take, what, &self.ros_options(known))?,
-            Format::Ur => ur_script(take, what, args.ur_move.into(), &source.title)?,
+            Format::Ur => {
+                ur_script(take, what, args.ur_move.unwrap_or(UrArg::Servoj).into(), &source.title)?
+            }
             _ => self.own(source, what)?,
         })
     }
@@ -178,7 +185,7 @@ impl Plan<'_> {
         let bytes: usize = made.iter().map(|m| m.export.bytes()).sum();
         let files: Vec<&PathBuf> = made.iter().flat_map(|m| &m.files).collect();
         let mut report = json!({
-            "format": self.args.to.suffix(),
+            "format": self.args.to.name(),
             "files": files,
             "frames": frames,
             "bytes": bytes,
