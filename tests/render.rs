@@ -98,6 +98,16 @@ fn a_take_is_drawn_as_its_rollout() {
             .fails(2);
         assert!(ran.stderr.contains(word) && ran.stderr.contains("is a take"), "{}", ran.stderr);
     }
+    // A policy is named as it was typed, and one that performs the clip beside a take is welcome.
+    let beside = |more: &[&str]| {
+        let ran = robert().file("hop.mcap", &take).file("hop.clip.json", HOP);
+        ran.args(["render", "-o", "b.png", "--frames", "9", "-q"]).args(SMALL).args(more)
+    };
+    let both = ["hop.clip.json", "--compare", "hop.mcap"];
+    let ran = beside(&both).args(["--compare-policy", "zero"]).fails(2);
+    assert!(ran.stderr.contains("hop.mcap is a take"), "{}", ran.stderr);
+    assert!(ran.stderr.contains("; --compare-policy is only for clips"), "{}", ran.stderr);
+    beside(&both).args(["-p", "zero"]).succeeds();
     let ran = robert()
         .file("hop.mcap", &take[..take.len() / 2])
         .args(["render", "hop.mcap", "-o", "a.png"])
@@ -119,6 +129,12 @@ fn mistakes_are_named_before_any_work() {
         assert!(ran.stdout.is_empty());
     };
     says(&["hop.clip.json", "-o", "a.bmp"], 2, &["a.bmp", ".mp4"]);
+    for unused in
+        ["--policy=pd", "--guide=smooth", "--refine", "--plant=mass=2", "--seed=3", "--threads=2"]
+    {
+        let flag = unused.split('=').next().unwrap();
+        says(&["hop.clip.json", "-o", "a.png", "--kinematic", unused], 2, &["--kinematic", flag]);
+    }
     says(&["hop.clip.json", "-o", "a.png", "-p", "magic"], 2, &["magic", "computed-torque"]);
     says(&["hop.clip.json", "-o", "a.mp4", "--strip", "4"], 2, &["strip", ".png"]);
     says(&["hop.clip.json", "-o", "a.png", "--overlay", "hats"], 2, &["hats", "ghost"]);

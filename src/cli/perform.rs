@@ -77,9 +77,9 @@ impl Conditions {
 }
 
 impl PerformArgs {
-    /// Refuses options of a rollout when the input is a take, which has been performed already.
-    pub(super) fn must_be_absent(&self, take: &str) -> Outcome {
-        let asked = [
+    /// The options of a rollout that were given; without effect where nothing is performed.
+    pub(super) fn given(&self) -> Vec<&'static str> {
+        let all = [
             ("--policy", self.policy.is_some()),
             ("--guide", self.conditions.guide != GuideArg::None),
             ("--refine", self.conditions.refine),
@@ -87,12 +87,12 @@ impl PerformArgs {
             ("--seed", self.seed != 0),
             ("--threads", self.threads.is_some()),
         ];
-        match asked.iter().find(|(_, given)| *given) {
-            None => Ok(()),
-            Some((flag, _)) => Err(Failure::usage(format!(
-                "{take} is a take, which has been performed already; {flag} is only for clips (robert rollout {take} {flag} ... performs its clip again)"
-            ))),
-        }
+        all.into_iter().filter(|(_, given)| *given).map(|(flag, _)| flag).collect()
+    }
+
+    /// Refuses options of a rollout when the input is a take, which has been performed already.
+    pub(super) fn must_be_absent(&self, take: &str) -> Outcome {
+        self.given().first().map_or(Ok(()), |flag| Err(performed_already(take, flag)))
     }
 
     /// The policy from the command line, else auto.
@@ -109,6 +109,15 @@ impl PerformArgs {
     pub(super) fn named(&self) -> Outcome<Option<PolicyConfig>> {
         self.policy.as_deref().map(|p| self.conditions.policy(p)).transpose()
     }
+}
+
+/// The refusal of an option of a rollout for a take.
+pub(super) fn performed_already(take: &str, flag: &str) -> Failure {
+    // `robert rollout` has one policy, whatever the option is called elsewhere.
+    let there = flag.replace("--compare-policy", "--policy");
+    Failure::usage(format!(
+        "{take} is a take, which has been performed already; {flag} is only for clips (robert rollout {take} {there} ... performs its clip again)"
+    ))
 }
 
 /// [`Guide`] as it is typed.

@@ -10,7 +10,7 @@ use super::bar::Bar;
 use super::failure::{Failure, Outcome};
 use super::global::Global;
 use super::interrupt::cancel_on_ctrl_c;
-use super::perform::{PerformArgs, perform};
+use super::perform::{PerformArgs, perform, performed_already};
 use super::{input, motion, out};
 use crate::clip::{Clip, Command};
 use crate::exit::Exit;
@@ -56,7 +56,7 @@ pub(super) struct Args {
     /// Draw a strip: one picture with this many moments.
     #[arg(long, value_name = "N")]
     strip: Option<usize>,
-    /// Draw the commanded poses without a simulation.
+    /// Draw the commanded poses without a simulation, and so without a policy.
     #[arg(long)]
     kinematic: bool,
     #[command(flatten)]
@@ -147,6 +147,38 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
 }
 
 impl Args {
+    /// Refuses options of a rollout where no rollout would have them.
+    fn refuse_unused(&self) -> Outcome {
+        let is_take = |input: &String| motion::is_take(Path::new(input));
+        let inputs = || std::iter::once(&self.input).chain(&self.compare);
+        if self.kinematic
+            && let Some(take) = inputs().find(|i| is_take(i))
+        {
+            return Err(Failure::usage(format!("{take} is a take: --kinematic is only for clips")));
+        }
+        let performed = |input: &String| !self.kinematic && !is_take(input);
+        let first = performed(&self.input);
+        let second = self.compare.as_ref().is_some_and(performed);
+        let unused = |flag: &str, input: &str| {
+            if self.kinematic {
+                return Failure::usage(format!("--kinematic simulates nothing: leave out {flag}"));
+            }
+            performed_already(input, flag)
+        };
+        if let (Some(_), Some(compared)) = (&self.compare_policy, &self.compare)
+            && !second
+        {
+            return Err(unused("--compare-policy", compared));
+        }
+        for flag in self.perform.given() {
+            let shared = flag != "--policy" || self.compare_policy.is_none();
+            if !(first || (second && shared)) {
+                return Err(unused(flag, &self.input));
+            }
+        }
+        Ok(())
+    }
+
     /// Options for performing the second clip.
     fn second(&self) -> PerformArgs {
         let mut second = self.perform.clone();
@@ -196,6 +228,7 @@ impl Plan {
             "cpu" => Backend::Cpu,
             other => return Err(unknown("renderer", other, "auto, gpu, cpu")),
         };
+        args.refuse_unused()?;
         // A typo in the second policy must show before the first clip is drawn.
         args.perform.named()?;
         args.second().named()?;
@@ -329,12 +362,6 @@ fn shown(
     global: Global,
 ) -> Outcome<(Arc<Robot>, Motion)> {
     if motion::is_take(Path::new(input)) {
-        by.must_be_absent(input)?;
-        if args.kinematic {
-            return Err(Failure::usage(format!(
-                "{input} is a take: --kinematic is only for clips"
-            )));
-        }
         return recorded(input, args);
     }
     if !args.kinematic {
