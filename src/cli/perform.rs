@@ -152,12 +152,20 @@ pub(super) struct Performed {
     /// All policies that were tried, if auto chose the policy.
     pub tried: Vec<Trial>,
     pub config: RolloutConfig,
+    /// Seconds of all of it, from the policy's loading on.
     pub wall_secs: f64,
+    /// Seconds of the frames alone; `None` if they were simulated while policies were compared.
+    pub frame_secs: Option<f64>,
     /// Why it ended early, if it did. The frames before that are kept.
     pub broke: Option<Error>,
 }
 
 impl Performed {
+    /// Milliseconds of a frame, without loading and comparing policies.
+    pub(super) fn ms_per_frame(&self) -> Option<f64> {
+        self.frame_secs.map(|secs| 1e3 * secs / self.rollout.frame().max(1) as f64)
+    }
+
     /// Whether a model of the robot was used: by the policy, or by the simulation that chose it.
     pub(super) fn uses_model(&self) -> bool {
         self.rollout.uses_model() || !self.tried.is_empty()
@@ -206,6 +214,7 @@ pub(super) fn perform(text: &str, args: &PerformArgs, global: Global) -> Outcome
     let bar = Bar::new(&policy.label(), "frames", global.quiet);
     let steps = rollout.frames().saturating_sub(1) as u64;
     let unit = motion::unit(&robot);
+    let (first, simulated) = (rollout.frame(), Instant::now());
     let broke = loop {
         // What was found until a search was stopped is whole.
         if cancel.is_cancelled() && !rollout.is_done() {
@@ -222,12 +231,24 @@ pub(super) fn perform(text: &str, args: &PerformArgs, global: Global) -> Outcome
             Err(e) => break Some(e),
         }
     };
+    let frame_secs = (rollout.frame() > first).then(|| simulated.elapsed().as_secs_f64());
     let wall_secs = begin.elapsed().as_secs_f64();
     bar.finish();
     if !global.quiet {
         warn(&clip, &command, &robot);
     }
-    Ok(Performed { clip, command, robot, rollout, policy, tried, config, wall_secs, broke })
+    Ok(Performed {
+        clip,
+        command,
+        robot,
+        rollout,
+        policy,
+        tried,
+        config,
+        wall_secs,
+        frame_secs,
+        broke,
+    })
 }
 
 /// Prints what is wrong with a clip, and end-effector goals that are out of reach. The motion of such a

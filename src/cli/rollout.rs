@@ -17,7 +17,7 @@ use crate::units::{CTRL_DT, short_unit, significant};
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert rollout wave.clip.json --policy ilqr --out wave.mcap\n  robert rollout ur5e/reacher --policy pd --guide linear\n  robert rollout fire --policy computed-torque --plant mass=1.25,damping=1.5,gear=0.85 --json"
+    after_help = "Examples:\n  robert rollout wave.clip.json --policy ilqr --out wave.mcap\n  robert rollout ur5e/reacher --policy pd --guide linear\n  robert rollout fire --policy computed-torque --plant mass=1.25,damping=1.5,gear=0.85 --json\n\nThe milliseconds per frame (ms_per_frame in JSON) are those of the rollout alone: the policy and the\nsimulation. Where auto or +ilc chose among finished rollouts, there are none. wall_secs also contains\nloading and comparing policies."
 )]
 pub(super) struct Args {
     /// A clip file (- is stdin), or the name of a built-in task (robert tasks ls).
@@ -108,7 +108,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
 }
 
 fn report(args: &Args, done: &Performed, p: &Precision) -> Value {
-    let (rollout, wall_secs) = (&done.rollout, done.wall_secs);
+    let rollout = &done.rollout;
     let joints = rollout.robot().joints().iter().zip(&p.per_joint);
     json!({
         "clip": args.clip,
@@ -133,8 +133,8 @@ fn report(args: &Args, done: &Performed, p: &Precision) -> Value {
         "saturation": p.saturation,
         "frames": rollout.frame() + 1,
         "secs": rollout.frame() as f64 * CTRL_DT,
-        "wall_secs": wall_secs,
-        "ms_per_frame": 1e3 * wall_secs / rollout.frame().max(1) as f64,
+        "wall_secs": done.wall_secs,
+        "ms_per_frame": done.ms_per_frame(),
         "per_joint": joints
             .map(|(j, e)| json!({"joint": j.name, "error": e}))
             .collect::<Vec<_>>(),
@@ -163,7 +163,7 @@ fn unreachable(done: &Performed) -> Outcome<Value> {
 }
 
 fn summary(done: &Performed, p: &Precision, unit: &str) -> String {
-    let (rollout, wall_secs) = (&done.rollout, done.wall_secs);
+    let rollout = &done.rollout;
     // All rows have one unit, so that they can be compared at a glance.
     let (factor, unit) = short_unit(unit, p.precision.unwrap_or(0.0));
     let figure = |v: f64| format!("{} {unit}", significant(v * factor));
@@ -198,14 +198,19 @@ fn summary(done: &Performed, p: &Precision, unit: &str) -> String {
     let pinned = format!("{:.1} %", 100.0 * p.saturation);
     rows.push(("saturated", pinned, "actions at their bound"));
     let frames = rollout.frame() + 1;
-    let ms = 1e3 * wall_secs / rollout.frame().max(1) as f64;
-    let time = format!("{frames} frames in {wall_secs:.2} s");
-    rows.push(("time", time, ""));
+    let time = format!("{frames} frames in {:.2} s", done.wall_secs);
+    let with = if done.tried.is_empty() {
+        "with loading the policy"
+    } else {
+        "with loading and comparing policies"
+    };
+    rows.push(("time", time, with));
     let wide = rows.iter().map(|r| r.1.chars().count()).max().unwrap_or(0);
     let mut text = format!(
-        "{} on {}, {ms:.2} ms per frame{}",
+        "{} on {}{}{}",
         done.policy.label(),
         rollout.robot().id(),
+        done.ms_per_frame().map_or_else(String::new, |ms| format!(", {ms:.2} ms per frame")),
         if done.uses_model() { "; uses a model of the robot" } else { "" }
     );
     for (name, value, what) in rows {

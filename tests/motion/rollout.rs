@@ -52,6 +52,14 @@ fn unless_told_otherwise_the_nearest_of_several_performs() {
     let error = r["precision"].as_f64().unwrap();
     assert!(error < 0.005, "keys for one finger are met where they can be reached: {error}");
     assert_eq!(r["chosen"], r["policy"]);
+    assert!(r["ms_per_frame"].is_null(), "its frames were simulated while policies were compared");
+    let plain = robert()
+        .file("index.clip.json", &clip)
+        .args(["rollout", "index.clip.json", "--json", "-q", "-p", "robert"])
+        .succeeds()
+        .json();
+    let [ms, secs] = ["ms_per_frame", "wall_secs"].map(|key| plain[key].as_f64().unwrap());
+    assert!(ms * plain["frames"].as_f64().unwrap() < 1e3 * secs, "the model was loaded as well");
     let tried = r["tried"].as_array().unwrap();
     let score =
         |t: &serde_json::Value| t["precision"].as_f64().unwrap() + t["gaps"].as_f64().unwrap();
