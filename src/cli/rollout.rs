@@ -1,6 +1,5 @@
 //! `robert rollout CLIP`: performs a clip with a policy.
 
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
@@ -9,6 +8,7 @@ use super::failure::{Failure, Outcome};
 use super::global::Global;
 use super::perform::{PerformArgs, Performed, perform};
 use super::{input, motion, out};
+use crate::clip::formats::motion_to_csv;
 use crate::clip::lint;
 use crate::exit::HasExit as _;
 use crate::robot::PlantConfig;
@@ -249,18 +249,10 @@ fn tried(done: &Performed, unit: &str) -> String {
 
 /// Reached states; `mask` is 1 where nothing was commanded.
 fn write_csv(path: &Path, rollout: &Rollout) -> Outcome {
-    let mut text = "frame,time,mask".to_owned();
-    for joint in rollout.robot().joints() {
-        write!(text, ",{}", joint.name).ok();
-    }
-    text.push('\n');
-    for frame in rollout.frames_reached() {
-        let masked = u8::from(!rollout.goals().any_visible(frame.frame));
-        write!(text, "{},{},{masked}", frame.frame, frame.frame as f64 / 20.0).ok();
-        for q in frame.reached {
-            write!(text, ",{q}").ok();
-        }
-        text.push('\n');
-    }
-    input::write(path, text.as_bytes())
+    let joints: Vec<String> = rollout.robot().joints().iter().map(|j| j.name.clone()).collect();
+    let rows = rollout.frames_reached().map(|frame| {
+        let masked = !rollout.goals().any_visible(frame.frame);
+        (frame.frame as i64, masked, frame.reached.iter().map(Some))
+    });
+    input::write(path, motion_to_csv(&joints, rows).as_bytes())
 }

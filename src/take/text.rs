@@ -16,21 +16,8 @@ impl Take {
         if what == What::Command {
             return formats::to_csv(&self.command);
         }
-        let mut out = String::from("frame,time,mask");
-        for joint in &self.robot.joints {
-            let quoted = joint.replace('"', "\"\"");
-            let plain = !joint.contains([',', '"', '\n', '\r']);
-            write!(out, ",{}", if plain { quoted } else { format!("\"{quoted}\"") }).ok();
-        }
-        out.push('\n');
-        for f in 0..self.frames() {
-            write!(out, "{f},{},0", secs(f)).ok();
-            for q in self.state(f) {
-                write!(out, ",{q}").ok();
-            }
-            out.push('\n');
-        }
-        out
+        let row = |f: usize| (f as i64, false, self.state(f).iter().map(Some));
+        formats::motion_to_csv(&self.robot.joints, (0..self.frames()).map(row))
     }
 
     /// MJCF: one `<key>` per frame. Keys of the reached motion also have velocities and controls,

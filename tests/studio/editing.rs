@@ -269,6 +269,10 @@ fn the_gallery_opens_and_exports() {
         let file = studio.get(&format!("/api/export?format={format}"));
         assert_eq!(file.status, 200, "{format}");
         assert!(file.body.len() > 100 && file.header("content-disposition").is_some());
+        if format.ends_with("csv") {
+            assert!(file.body.starts_with(b"frame,time,mask,x,y\n"), "{format}");
+            assert!(file.body.windows(9).any(|w| w.starts_with(b"\n2,0.1,")), "{format}");
+        }
     }
     assert_eq!(studio.get("/api/export?format=usd").status, 400);
     assert_eq!(studio.post("/api/gallery/pointmass/none", &json!({})).status, 404);

@@ -6,7 +6,7 @@
 //! many countries write semicolons between cells and a comma in numbers; both are read, and so are
 //! tabs.
 
-use std::fmt::Write as _;
+use std::fmt::Display;
 
 use super::super::command::{Command, Sight};
 use super::super::document::{Clip, Fill, RobotRef, Row};
@@ -20,36 +20,42 @@ use robert_base::units::FPS;
 
 /// A command as CSV. A row with frame -1 holds the start if it differs from the first goal.
 pub fn to_csv(command: &Command) -> String {
-    let mut out = String::from("frame,time,mask");
-    for joint in command.joints() {
-        write!(out, ",{}", quoted(joint)).ok();
-    }
-    out.push('\n');
-    if start_differs(command) {
-        let cells: Vec<String> = command.start().iter().map(f32::to_string).collect();
-        writeln!(out, "-1,-0.05,1,{}", cells.join(",")).ok();
-    }
-    for t in 0..command.frames() {
-        let masked = u8::from(command.sight(t) == Sight::Masked);
-        write!(out, "{t},{},{masked}", f64::from(t) / f64::from(FPS)).ok();
-        for (j, v) in command.row(t).iter().enumerate() {
-            out.push(',');
-            if command.sees(t, j) {
-                write!(out, "{v}").ok();
-            }
-        }
-        out.push('\n');
-    }
-    out
+    let goals = |t: u32| {
+        let row = command.row(t).iter().enumerate();
+        row.map(move |(j, v)| command.sees(t, j).then_some(*v)).collect::<Vec<_>>()
+    };
+    let start = start_differs(command)
+        .then(|| (-1, true, command.start().iter().copied().map(Some).collect()));
+    let frames =
+        (0..command.frames()).map(|t| (i64::from(t), command.sight(t) == Sight::Masked, goals(t)));
+    motion_to_csv(command.joints(), start.into_iter().chain(frames))
 }
 
-/// A cell that is not mistaken for two cells, or for a formula by a spreadsheet.
-fn quoted(text: &str) -> String {
-    if text.contains([',', '"', '\n', '\r']) {
-        format!("\"{}\"", text.replace('"', "\"\""))
-    } else {
-        text.to_owned()
+/// Motion as CSV. A row is a frame, whether it is masked, and the values; `None` is an empty cell.
+pub fn motion_to_csv<R, V>(
+    joints: &[String],
+    rows: impl IntoIterator<Item = (i64, bool, R)>,
+) -> String
+where
+    R: IntoIterator<Item = Option<V>>,
+    V: Display,
+{
+    let lead = ["frame", "time", "mask"].map(str::to_owned);
+    let mut writer = ::csv::WriterBuilder::new().flexible(true).from_writer(Vec::new());
+    let mut written = writer.write_record(lead.iter().chain(joints));
+    for (frame, masked, values) in rows {
+        let secs = frame as f64 / f64::from(FPS);
+        let lead = [frame.to_string(), secs.to_string(), u8::from(masked).to_string()];
+        let cell = |v: Option<V>| v.map_or_else(String::new, |v| v.to_string());
+        written = written.and_then(|()| {
+            writer.write_record(lead.into_iter().chain(values.into_iter().map(cell)))
+        });
     }
+    let bytes = match (written, writer.into_inner()) {
+        (Ok(()), Ok(bytes)) => bytes,
+        (written, _) => panic!("CSV in memory cannot fail: {written:?}"),
+    };
+    String::from_utf8_lossy(&bytes).into_owned()
 }
 
 /// The character between cells: that of the header, which names at least one joint.
@@ -270,11 +276,24 @@ mod tests {
     }
 
     #[test]
+    fn names_of_joints_keep_their_commas_and_quotes() {
+        let joints = ["x, left", "the \"wrist\"", "=1+1"].map(str::to_owned);
+        let rows = [(0, false, [Some(0.5), None, Some(2.0)]), (1, true, [None; 3])];
+        let text = motion_to_csv(&joints, rows);
+        assert_eq!(
+            text,
+            "frame,time,mask,\"x, left\",\"the \"\"wrist\"\"\",=1+1\n0,0,0,0.5,,2\n1,0.05,1,,,\n"
+        );
+        let back = from_csv(text.as_bytes(), None, Fill::Mask).unwrap();
+        assert_eq!(back.robot.joints, joints);
+    }
+
+    #[test]
     fn plain_logs_are_resampled() {
         let mut text = String::from("time,a,b\n");
         for i in 0..=200 {
             let t = f64::from(i) * 0.01;
-            writeln!(text, "{},{},{}", 1_700_000_000.0 + t, t * 2.0, -t).unwrap();
+            text += &format!("{},{},{}\n", 1_700_000_000.0 + t, t * 2.0, -t);
         }
         let clip = from_csv(text.as_bytes(), None, Fill::Mask).unwrap();
         assert_eq!(clip.length, 41);

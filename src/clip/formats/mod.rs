@@ -12,7 +12,7 @@ mod samples;
 mod trajectory;
 
 pub use command_json::{from_command_json, to_command_json};
-pub use csv::{from_csv, to_csv};
+pub use csv::{from_csv, motion_to_csv, to_csv};
 pub use mjcf::{from_mjcf, to_mjcf};
 pub use ros::{from_ros, to_ros};
 pub use samples::{Sample, from_samples};

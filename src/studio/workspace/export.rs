@@ -3,7 +3,6 @@
 
 use crate::protocol::Error;
 use crate::simulation::RolloutStore;
-use robert_base::units::CTRL_DT;
 use robert_clip::{Clip, Command, formats};
 
 /// A file to download.
@@ -74,20 +73,14 @@ pub(crate) fn stem(clip: &Clip) -> String {
 
 /// `frame,time,mask,<joint>...` of the achieved motion.
 fn achieved(command: &Command, rollout: &RolloutStore) -> Result<Vec<u8>, Error> {
-    use std::fmt::Write as _;
     let view = rollout.view();
     if view.q.is_empty() {
         return Err(Error::NotFound { what: "rollout to export yet".into() });
     }
     let joints = rollout.robot().map_or_else(|| command.joints().to_vec(), |f| f.table.names());
-    let mut text = format!("frame,time,mask,{}\n", joints.join(","));
-    for (frame, row) in view.q.iter().enumerate() {
+    let rows = view.q.iter().enumerate().map(|(frame, row)| {
         let masked = command.sight(frame as u32) == robert_clip::Sight::Masked;
-        write!(text, "{frame},{:.2},{}", frame as f64 * CTRL_DT, u8::from(masked)).ok();
-        for v in row {
-            write!(text, ",{v}").ok();
-        }
-        text.push('\n');
-    }
-    Ok(text.into_bytes())
+        (frame as i64, masked, row.iter().map(Some))
+    });
+    Ok(formats::motion_to_csv(&joints, rows).into_bytes())
 }
