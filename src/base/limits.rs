@@ -1,5 +1,6 @@
-//! All limits in one place. Foreign files are treated as hostile until they are checked. Each
-//! constant is tested at the limit and one beyond it.
+//! The limits of files and messages from outside, and of what the studio keeps. Foreign files are
+//! treated as hostile until they are checked. The test of each limit is named in
+//! `docs/reliability.md`.
 
 /// Bytes in one clip file.
 pub const CLIP_BYTES: u64 = 16 << 20;
@@ -61,6 +62,14 @@ pub const INCLUDE_DEPTH: usize = 8;
 pub const MESH_FACES: usize = 2_000_000;
 /// Bytes in one mesh file.
 pub const MESH_BYTES: u64 = 256 << 20;
+/// Bytes of one COLLADA file.
+pub const DAE_BYTES: u64 = 64 << 20;
+/// XML elements of one COLLADA file.
+pub const DAE_ELEMENTS: usize = 500_000;
+/// Nodes of a COLLADA scene; those of repeated instances count each time.
+pub const DAE_NODES: usize = 100_000;
+/// Nesting of the nodes of a COLLADA scene.
+pub const DAE_DEPTH: usize = 64;
 /// Pixels along one edge of a texture.
 pub const TEXTURE_PX: u64 = 4096;
 /// Bytes of all textures of a model, unpacked. One cube of 2,048 pixels takes 75 MB.
@@ -134,11 +143,25 @@ pub const FOLDER_ENTRIES: usize = 1_000;
 pub const FOLDER_LOOKED_AT: usize = 20_000;
 /// Bytes of clips that are read for one list.
 pub const FOLDER_PEEK_BYTES: u64 = 8 << 20;
-/// Jobs kept in the studio's list, and lines kept of each.
+/// Jobs kept in the studio's list.
 pub const JOBS: usize = 64;
 /// Lines kept of one job.
 pub const JOB_LINES: usize = 2_000;
 
+/// Bytes of a file with settings: a profile, a sweep, a spec of shards; and of a result of a sweep.
+pub const SETTINGS_BYTES: u64 = 4 << 20;
+/// Bytes of a table: the metrics of a run, and whatever else is plotted.
+pub const TABLE_BYTES: u64 = 256 << 20;
+/// Bytes of what a run says about itself.
+pub const RUN_BYTES: u64 = 1 << 20;
+/// Bytes of a plan of shards.
+pub const PLAN_BYTES: u64 = 256 << 20;
+/// Bytes of a list of the shards of all tasks of a plan.
+pub const TASK_LIST_BYTES: u64 = 64 << 20;
+/// Bytes of the manifest of a shard of a plan.
+pub const PLAN_SHARD_BYTES: u64 = 16 << 20;
+/// Bytes of one data file of a LeRobot dataset: the format's own limit and a reserve.
+pub const DATASET_FILE_BYTES: u64 = 256 << 20;
 /// Rows of one file of a LeRobot dataset. A few bytes can claim any number of them.
 pub const DATASET_ROWS: i64 = 1_000_000;
 /// Values of one column in one file of a LeRobot dataset. Its own limit of 100 MB is reached before.

@@ -5,13 +5,13 @@ use std::path::{Path, PathBuf};
 
 use super::failure::{Failure, Outcome};
 use super::{input, motion, out};
-use crate::fsio;
 use crate::plot::{
     self, Axis, Curve, Figure, JointTrack, Panel, Theme, bars, coverage, curves, histogram, joints,
     xy,
 };
 use crate::take::What as Asked;
 use crate::units::FPS;
+use crate::{fsio, limits};
 
 #[derive(clap::Args, Debug)]
 #[command(
@@ -148,9 +148,6 @@ enum What {
         common: Common,
     },
 }
-
-/// Bytes of one input file.
-const BYTES: u64 = 256 << 20;
 
 pub(super) fn run(args: &Args) -> Outcome {
     let fps = f64::from(FPS);
@@ -340,7 +337,7 @@ impl Columns {
             columns.units = joints.zip(take.robot.units.iter().map(|u| u.symbol())).collect();
             return Ok(columns);
         }
-        Columns::parse(path, &input::read(path, BYTES)?)
+        Columns::parse(path, &input::read(path, limits::TABLE_BYTES)?)
     }
 
     fn parse(path: &Path, bytes: &[u8]) -> Outcome<Columns> {
@@ -482,7 +479,7 @@ impl Columns {
 
 /// The values of two fields in a file of JSON lines. Lines that lack one of them are other events.
 fn series(path: &Path, x: &str, y: &str) -> Outcome<Vec<(f64, f64)>> {
-    let bytes = input::read(path, BYTES)?;
+    let bytes = input::read(path, limits::TABLE_BYTES)?;
     let text = String::from_utf8_lossy(&bytes);
     let mut points = Vec::new();
     for (i, line) in text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty()) {
@@ -591,7 +588,7 @@ impl EvalFile {
 }
 
 fn bar_chart(path: &Path, suite: Option<&str>, title: &str) -> Outcome<Figure> {
-    let bytes = input::read(path, BYTES)?;
+    let bytes = input::read(path, limits::TABLE_BYTES)?;
     let bad = |e: serde_json::Error| {
         Failure::invalid(format!("{}:{}:{}: {e}", path.display(), e.line(), e.column()))
     };

@@ -16,14 +16,6 @@ use robert_base::xml;
 
 /// Faces in one STL file that the simulator takes.
 const STL_FACES: usize = 200_000;
-/// Bytes of one COLLADA file.
-const DAE_BYTES: u64 = 64 << 20;
-/// Elements of its XML.
-const DAE_ELEMENTS: usize = 500_000;
-/// Scene nodes; those of repeated instances count each time.
-const NODES: usize = 100_000;
-/// Nesting of scene nodes.
-const DEPTH: usize = 64;
 
 /// The triangles of one colour, m.
 #[derive(Clone, Debug, PartialEq)]
@@ -75,13 +67,14 @@ fn stl(corners: &[f32]) -> Vec<u8> {
 /// # Errors
 /// What is wrong with it, as a sentence.
 pub(super) fn read(path: &Path) -> Result<Vec<Part>, String> {
-    let bytes = robert_base::fsio::read_capped(path, DAE_BYTES).map_err(|e| e.to_string())?;
+    let bytes =
+        robert_base::fsio::read_capped(path, limits::DAE_BYTES).map_err(|e| e.to_string())?;
     parse(&String::from_utf8_lossy(&bytes))
 }
 
 fn parse(text: &str) -> Result<Vec<Part>, String> {
     let text = text.trim_start_matches('\u{feff}');
-    let doc = xml::parse(text, DAE_ELEMENTS).map_err(|e| e.to_string())?;
+    let doc = xml::parse(text, limits::DAE_ELEMENTS).map_err(|e| e.to_string())?;
     let root = doc.root_element();
     if root.tag_name().name() != "COLLADA" {
         return Err("it is not a COLLADA file".into());
@@ -158,7 +151,7 @@ impl<'a> Reader<'a> {
         deep: usize,
     ) -> Result<(), String> {
         self.nodes += 1;
-        if deep > DEPTH || self.nodes > NODES {
+        if deep > limits::DAE_DEPTH || self.nodes > limits::DAE_NODES {
             return Err("its scene is nested too deeply, or refers to itself".into());
         }
         let mut frame = *above;
@@ -368,5 +361,21 @@ mod tests {
             let error = parse(&sample("").replace(whole, broken)).unwrap_err();
             assert!(error.contains("not a number"), "{error}");
         }
+    }
+
+    #[test]
+    fn scenes_have_a_limit_of_depth_and_of_nodes() {
+        // XML cannot be nested as deeply, but nodes may refer to others.
+        let nested = |n: usize| {
+            let node = |i| format!("<node id=\"d{i}\"><instance_node url=\"#d{}\"/></node>", i + 1);
+            let library: String = (1..=n).map(node).collect();
+            let text = sample("<instance_node url=\"#d1\"/>");
+            parse(&text.replace("</COLLADA>", &format!("{library}</COLLADA>")))
+        };
+        assert!(nested(limits::DAE_DEPTH).is_ok());
+        assert!(nested(limits::DAE_DEPTH + 1).unwrap_err().contains("nested too deeply"));
+        let beside = |n: usize| parse(&sample(&"<node/>".repeat(n - 1)));
+        assert!(beside(limits::DAE_NODES).is_ok());
+        assert!(beside(limits::DAE_NODES + 1).unwrap_err().contains("nested too deeply"));
     }
 }

@@ -6,10 +6,7 @@ use std::sync::{Mutex, PoisonError};
 
 use super::profile::Written;
 use super::{Assets, Error, MODEL_FILE, PROFILE_FILE, Robot, builtin, check, preparse};
-use robert_base::fsio;
-
-/// Bytes in one profile.
-const PROFILE_BYTES: u64 = 4 << 20;
+use robert_base::{fsio, limits};
 
 impl Robot {
     /// A robot by its id, or from a folder that contains `robot.xml` and, optionally,
@@ -44,7 +41,7 @@ impl Robot {
     pub fn from_folder(dir: &Path) -> Result<Robot, Error> {
         let profile = dir.join(PROFILE_FILE);
         let written = if profile.is_file() {
-            let bytes = fsio::read_capped(&profile, PROFILE_BYTES)?;
+            let bytes = fsio::read_capped(&profile, limits::SETTINGS_BYTES)?;
             Written::parse(&String::from_utf8_lossy(&bytes), &profile)?
         } else {
             Written::default()

@@ -7,7 +7,7 @@
 use robert_base::json;
 use std::path::Path;
 
-use robert_base::fsio;
+use robert_base::{fsio, limits};
 use serde::{Deserialize, Serialize};
 
 use super::{Cell, Error, Machine};
@@ -16,8 +16,6 @@ use super::{Cell, Error, Machine};
 pub(super) const FILE: &str = "manifest.json";
 /// Format name of this version.
 const FORMAT: &str = "robert-shard/1";
-/// Bytes of a manifest.
-const BYTES: u64 = 16 << 20;
 
 /// One file of a shard.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -104,7 +102,8 @@ impl Manifest {
     /// # Errors
     /// What is wrong with it.
     pub(super) fn read(dir: &Path) -> Result<Self, String> {
-        let bytes = fsio::read_capped(&dir.join(FILE), BYTES).map_err(|e| e.to_string())?;
+        let bytes = fsio::read_capped(&dir.join(FILE), limits::PLAN_SHARD_BYTES)
+            .map_err(|e| e.to_string())?;
         let manifest: Manifest =
             serde_json::from_slice(&bytes).map_err(|e| format!("{FILE}: {e}"))?;
         let bare = Manifest { seal: String::new(), ..manifest.clone() };

@@ -4,7 +4,7 @@ use robert_base::json;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use robert_base::fsio;
+use robert_base::{fsio, limits};
 use serde::{Deserialize, Serialize};
 
 use super::{Cell, Error, Machine, Manifest, Spec};
@@ -13,8 +13,6 @@ use super::{Cell, Error, Machine, Manifest, Spec};
 pub(super) const FORMAT: &str = "robert-shard-plan/1";
 /// The file in a plan's folder.
 const FILE: &str = "plan.json";
-/// Bytes of a plan.
-const BYTES: u64 = 256 << 20;
 /// The number of shards from which their folders are divided into subfolders, because parallel file
 /// systems are slow with many entries in one folder.
 const DIVIDED: usize = 1000;
@@ -67,7 +65,7 @@ impl Plan {
         if !path.is_file() {
             return Err(fail("there is no plan; make one with robert shard plan".to_owned()));
         }
-        let bytes = fsio::read_capped(&path, BYTES)?;
+        let bytes = fsio::read_capped(&path, limits::PLAN_BYTES)?;
         let plan: Plan = serde_json::from_slice(&bytes).map_err(|e| fail(e.to_string()))?;
         if plan.format != FORMAT {
             return Err(fail(format!("format is \"{}\", not \"{FORMAT}\"", plan.format)));

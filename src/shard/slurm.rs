@@ -12,7 +12,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use robert_base::fsio;
+use robert_base::{fsio, limits};
 
 use super::{Error, Plan, ranges, ranges::indices};
 
@@ -169,7 +169,7 @@ fn plain(name: &str) -> String {
 /// # Errors
 /// [`Error::Plan`] when there is no such line.
 pub fn task(list: &Path, task: usize) -> Result<Vec<usize>, Error> {
-    let bytes = fsio::read_capped(list, 64 << 20)?;
+    let bytes = fsio::read_capped(list, limits::TASK_LIST_BYTES)?;
     let text = String::from_utf8_lossy(&bytes);
     let found = text.lines().nth(task).and_then(indices);
     found.ok_or_else(|| Error::Plan {

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use robert_base::fsio;
+use robert_base::{fsio, limits};
 use robert_explore::{AgentKind, CollectConfig, Preset};
 use robert_robot::{PlantRange, Robot};
 use robert_train::sweep::{Sweep, Value};
@@ -11,9 +11,6 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::Error;
-
-/// Bytes of a spec.
-const BYTES: u64 = 4 << 20;
 
 /// One of the four kinds of work.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -176,7 +173,7 @@ impl Spec {
     /// # Errors
     /// [`Error::Files`], [`Error::Spec`] with line and column.
     pub fn load(path: &Path) -> Result<Self, Error> {
-        let text = fsio::read_capped(path, BYTES)?;
+        let text = fsio::read_capped(path, limits::SETTINGS_BYTES)?;
         let text = String::from_utf8_lossy(&text);
         let name = path.display().to_string();
         match read::<Head>(&text, &name)?.kind.as_str() {

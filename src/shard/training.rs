@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant, SystemTime};
 
-use robert_base::fsio;
 use robert_base::progress::Silent;
+use robert_base::{fsio, limits};
 use robert_dataset::{Dataset, Part, SHORTEST, Verify, Windows};
 use robert_robot::Robot;
 use robert_train::paths;
@@ -161,7 +161,7 @@ pub(super) fn merge(sweep: &Sweep, shards: &[PathBuf], out: &Path) -> Result<Vec
     let mut found = Vec::with_capacity(shards.len());
     for shard in shards {
         let path = shard.join(RESULT);
-        let bytes = fsio::read_capped(&path, 4 << 20)?;
+        let bytes = fsio::read_capped(&path, limits::SETTINGS_BYTES)?;
         let reached: Reached = serde_json::from_slice(&bytes)
             .map_err(|e| Error::Plan { why: e.to_string(), path: path.clone() })?;
         let mut place = out.join("points");

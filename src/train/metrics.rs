@@ -8,10 +8,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::Error;
-use robert_base::fsio;
-
-/// Bytes of a metrics file.
-const METRICS_BYTES: u64 = 256 << 20;
+use robert_base::{fsio, limits};
 
 /// The result of a closed-loop evaluation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -141,7 +138,7 @@ impl Metrics {
         if !path.exists() {
             return Ok(Metrics::default());
         }
-        let bytes = fsio::read_capped(path, METRICS_BYTES)?;
+        let bytes = fsio::read_capped(path, limits::TABLE_BYTES)?;
         let text = String::from_utf8_lossy(&bytes);
         let lines = text.lines().filter_map(|l| serde_json::from_str::<Metric>(l).ok());
         Ok(Metrics(lines.filter(|l| l.step().is_some_and(|s| s <= step)).collect()))

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::{Error, TrainConfig};
-use robert_base::fsio;
+use robert_base::{fsio, limits};
 
 /// Settings.
 pub fn config(dir: &Path) -> PathBuf {
@@ -40,7 +40,7 @@ pub fn meta(dir: &Path) -> PathBuf {
 /// [`Error::Files`], [`Error::Run`].
 pub fn read_config(dir: &Path) -> Result<TrainConfig, Error> {
     let path = config(dir);
-    let bytes = fsio::read_capped(&path, 1 << 20)?;
+    let bytes = fsio::read_capped(&path, limits::RUN_BYTES)?;
     let text = String::from_utf8_lossy(&bytes);
     let cfg: TrainConfig = toml::from_str(&text)
         .map_err(|e| Error::Run { why: e.message().replace('\n', " "), path: path.clone() })?;

@@ -6,14 +6,11 @@ use std::sync::Arc;
 
 use super::sweep::{Combination, Point, Reached, Row, Sweep, Work, rows, slug, suites_of, view};
 use super::{Error, TrainConfig, read_config};
-use robert_base::fsio;
 use robert_base::json;
+use robert_base::{fsio, limits};
 use robert_dataset::{Dataset, Verify};
 use robert_robot::Robot;
 use robert_rollout::Suite;
-
-/// Bytes of a result.
-const FILE_BYTES: u64 = 4 << 20;
 
 /// The result of a call of [`sweep`].
 #[derive(Clone, Debug)]
@@ -159,7 +156,7 @@ fn claim(out: &Path, sha256: &str) -> Result<(), Error> {
     let path = folder.join("source");
     let refuse = |why: &str| Err(Error::Sweep { why: why.to_owned(), path: out.to_owned() });
     if path.exists() {
-        let found = fsio::read_capped(&path, FILE_BYTES)?;
+        let found = fsio::read_capped(&path, limits::SETTINGS_BYTES)?;
         if String::from_utf8_lossy(&found).trim() == sha256 {
             return Ok(());
         }
@@ -185,7 +182,7 @@ fn finished(
         return Ok(None);
     }
     let refuse = |why: &str| Err(Error::Sweep { why: why.to_owned(), path: path.clone() });
-    let bytes = fsio::read_capped(&path, FILE_BYTES)?;
+    let bytes = fsio::read_capped(&path, limits::SETTINGS_BYTES)?;
     let Ok(reached) = serde_json::from_slice::<Reached>(&bytes) else {
         return refuse("the result is damaged; remove it to measure the point again");
     };

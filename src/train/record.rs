@@ -9,11 +9,8 @@ use serde_json::Value;
 
 use super::metrics::{Evaluation, HeldOut, Line, Metric, Metrics};
 use super::{Error, TrainConfig, paths};
-use robert_base::fsio;
+use robert_base::{fsio, limits};
 use robert_rollout::runs_near;
-
-/// Bytes of a meta file.
-const META_BYTES: u64 = 1 << 20;
 
 /// A whole run.
 #[derive(Clone, Debug, Serialize)]
@@ -176,7 +173,7 @@ pub(super) fn began_on(dir: &Path) -> Option<String> {
 }
 
 fn meta(dir: &Path) -> Value {
-    let bytes = fsio::read_capped(&paths::meta(dir), META_BYTES).unwrap_or_default();
+    let bytes = fsio::read_capped(&paths::meta(dir), limits::RUN_BYTES).unwrap_or_default();
     serde_json::from_slice(&bytes).unwrap_or_default()
 }
 

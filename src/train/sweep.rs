@@ -15,9 +15,9 @@ use super::hindsight::Simulated;
 use super::options::{Evaluate, Options};
 use super::run::train;
 use super::{Error, TrainConfig, paths};
-use robert_base::fsio;
 use robert_base::progress::{Cancel, Progress, Silent};
 use robert_base::units::Unit;
+use robert_base::{fsio, limits};
 use robert_dataset::{self as dataset, Corruption, Dataset, Manifest, Verify};
 use robert_net::engine::Engines;
 use robert_plot::{self as plot, Axis, Curve, Figure};
@@ -29,8 +29,6 @@ use robert_rollout::{
 
 /// The most points of a grid, including seeds.
 const MOST_POINTS: usize = 10_000;
-/// Bytes of a sweep file or of a result.
-const FILE_BYTES: u64 = 4 << 20;
 /// Seed of the split into trained and held-out trajectories, the same for all points.
 const SPLIT_SEED: u64 = 0;
 /// Share held out (the paper's 95/5).
@@ -184,7 +182,7 @@ impl Sweep {
     /// # Errors
     /// [`Error::Files`], [`Error::Sweep`], those of the settings.
     pub fn load(path: &Path, set: &[String]) -> Result<Self, Error> {
-        let bytes = fsio::read_capped(path, FILE_BYTES)?;
+        let bytes = fsio::read_capped(path, limits::SETTINGS_BYTES)?;
         let text = String::from_utf8_lossy(&bytes);
         let fail = |why: String| Error::Sweep { why, path: path.to_owned() };
         let mut sweep: Sweep =

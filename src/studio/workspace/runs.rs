@@ -50,7 +50,7 @@ pub(crate) fn list(folder: &Path) -> Shelf {
 
 /// The metrics of a run, thinned to what a chart can show.
 pub(crate) fn curves(dir: &Path) -> Vec<Value> {
-    let Ok(bytes) = fsio::read_capped(&dir.join("metrics.jsonl"), 64 << 20) else {
+    let Ok(bytes) = fsio::read_capped(&dir.join("metrics.jsonl"), limits::TABLE_BYTES) else {
         return Vec::new();
     };
     let text = String::from_utf8_lossy(&bytes);

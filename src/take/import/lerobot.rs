@@ -19,8 +19,6 @@ use super::samples::{Samples, foreign, rate};
 use robert_base::fsio;
 use robert_base::limits;
 
-/// The limit of bytes in one data file: the format's own limit and a reserve.
-const FILE_BYTES: u64 = 256 << 20;
 /// Rows that are decoded at once.
 const ROWS_AT_ONCE: usize = 1024;
 
@@ -136,8 +134,9 @@ fn episode(
 ) -> Result<(), Error> {
     let failed = |source| Error::File(fsio::Error::Read { source, path: path.to_owned() });
     let file: File = fsio::open_regular(path).map_err(failed)?;
-    if file.metadata().map_err(failed)?.len() > FILE_BYTES {
-        return Err(foreign(format!("more than {FILE_BYTES} bytes")));
+    let cap = limits::DATASET_FILE_BYTES;
+    if file.metadata().map_err(failed)?.len() > cap {
+        return Err(foreign(format!("more than {cap} bytes")));
     }
     // The reader panics for some damaged files; its results are dropped then.
     let read = catch_unwind(AssertUnwindSafe(|| rows(&file, source, width, frames)));
@@ -338,6 +337,19 @@ mod tests {
             from_lerobot(&out, &source(0)).ok();
         }
         drop(std::panic::take_hook());
+    }
+
+    #[test]
+    fn a_file_has_a_limit_of_bytes() {
+        let (_dir, out, path) = small();
+        // Zeros that take no place on the disk.
+        let said = |bytes| {
+            let file = std::fs::OpenOptions::new().write(true).open(&path).unwrap();
+            file.set_len(bytes).unwrap();
+            from_lerobot(&out, &source(0)).unwrap_err().to_string()
+        };
+        assert!(!said(limits::DATASET_FILE_BYTES).contains("more than"));
+        assert!(said(limits::DATASET_FILE_BYTES + 1).contains("more than 268435456 bytes"));
     }
 
     #[test]
