@@ -9,7 +9,7 @@ use crate::plot::{
     self, Axis, Curve, Figure, JointTrack, Panel, Theme, bars, coverage, curves, histogram, joints,
     xy,
 };
-use crate::take::What as Asked;
+use crate::take::{Take, What as Asked};
 use crate::units::FPS;
 use crate::{fsio, limits};
 
@@ -331,13 +331,37 @@ impl Columns {
 
     fn of_file(path: &Path, what: Asked) -> Outcome<Columns> {
         if motion::is_take(path) {
-            let take = input::take(path)?;
-            let mut columns = Columns::parse(path, take.to_csv(what).as_bytes())?;
-            let joints = take.robot.joints.into_iter();
-            columns.units = joints.zip(take.robot.units.iter().map(|u| u.symbol())).collect();
-            return Ok(columns);
+            return Ok(Columns::of_take(&input::take(path)?, what));
         }
         Columns::parse(path, &input::read(path, limits::TABLE_BYTES)?)
+    }
+
+    fn of_take(take: &Take, what: Asked) -> Columns {
+        let (robot, command) = (&take.robot, &take.command);
+        let goal = |f: usize, j: usize| match command.sees(f as u32, j) {
+            true => f64::from(command.row(f as u32)[j]),
+            false => f64::NAN,
+        };
+        let value = |f: usize, j: usize| match what {
+            Asked::Achieved => take.state(f)[j],
+            Asked::Command => goal(f, j),
+        };
+        let (names, frames) = match what {
+            Asked::Achieved => (&robot.joints[..], take.frames()),
+            Asked::Command => (command.joints(), command.frames() as usize),
+        };
+        let joint = |j: usize| (0..frames).map(|f| value(f, j)).collect();
+        Columns {
+            names: names.to_vec(),
+            units: robot
+                .joints
+                .iter()
+                .cloned()
+                .zip(robot.units.iter().map(|u| u.symbol()))
+                .collect(),
+            values: (0..names.len()).map(joint).collect(),
+            frames,
+        }
     }
 
     fn parse(path: &Path, bytes: &[u8]) -> Outcome<Columns> {
@@ -345,11 +369,14 @@ impl Columns {
         let bad =
             |line: u64, why: String| Failure::invalid(format!("{}:{line}: {why}", path.display()));
         let head = reader.headers().map_err(|e| bad(1, e.to_string()))?.clone();
-        let joint = |h: &str| !matches!(h, "frame" | "time" | "mask" | "error" | "");
+        let first = |name: &str| head.iter().position(|h| h == name);
+        let frame = first("frame");
+        // A joint may have one of these names; its column is the second.
+        let lead = [frame, first("time"), first("mask")];
         let picked: Vec<(usize, String)> = head
             .iter()
             .enumerate()
-            .filter(|(_, h)| joint(h))
+            .filter(|(i, h)| !h.is_empty() && !lead.contains(&Some(*i)))
             .map(|(i, h)| (i, h.to_owned()))
             .collect();
         if picked.is_empty() {
@@ -360,6 +387,10 @@ impl Columns {
         for (row, record) in reader.records().enumerate() {
             let line = row as u64 + 2;
             let record = record.map_err(|e| bad(line, e.to_string()))?;
+            // The start, which is no frame of the motion.
+            if frame.and_then(|i| record.get(i)).is_some_and(|cell| cell.starts_with('-')) {
+                continue;
+            }
             for ((i, name), column) in picked.iter().zip(&mut values) {
                 let cell = record.get(*i).unwrap_or("");
                 let value = if cell.is_empty() {
@@ -655,4 +686,57 @@ pub(super) fn of_evaluation(title: &str, report: serde_json::Value) -> Outcome<F
         panels.extend(figure.panels.into_iter().map(|p| Panel { title: name.to_owned(), ..p }));
     }
     Ok(Figure::grid(title, panels, 1).panel_size(size.0, size.1))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::clip::{Clip, compile};
+    use crate::progress::Cancel;
+    use crate::robot::Robot;
+    use crate::rollout::{PolicyConfig, PolicyName, Rollout, RolloutConfig, Start};
+    use crate::take::Provenance;
+
+    /// A take whose start differs from its first goal, and whose joints have names of columns.
+    fn take() -> Take {
+        let text = r#"{"format": "robert-clip/1", "robot": {"id": "pointmass", "joints": ["x", "y"]},
+            "fps": 20, "length": 5, "start": {"q": [0, 0]},
+            "keys": [{"frame": 0, "q": [0.1, null]}, {"frame": 4, "q": [0.2, 0.3]}]}"#;
+        let clip = Clip::parse(text).unwrap();
+        let robot = Arc::new(Robot::builtin("pointmass").unwrap());
+        let command = compile(&clip).unwrap();
+        let (policy, config) = (PolicyConfig::new(PolicyName::Pd), RolloutConfig::default());
+        let built = policy.build(&robot).unwrap();
+        let mut rollout =
+            Rollout::new(&robot, built, &command, Start::Pose, config.clone()).unwrap();
+        rollout.run(&Cancel::default()).unwrap();
+        let provenance = Provenance::new(&robot, &policy, &config).unwrap();
+        let mut take = Take::record(&rollout, &command, Some(&clip), provenance).unwrap();
+        take.robot.joints = vec!["time".to_owned(), "error".to_owned()];
+        take
+    }
+
+    #[test]
+    fn every_joint_of_a_take_is_a_column() {
+        let take = take();
+        let reached = Columns::of_take(&take, Asked::Achieved);
+        assert_eq!(reached.names, ["time", "error"]);
+        assert_eq!((reached.frames, reached.values[1].len()), (5, 5));
+        assert_eq!(reached.values[1][4], take.state(4)[1]);
+        // A CSV has its start before frame 0; here frame 0 is the first.
+        let goals = Columns::of_take(&take, Asked::Command);
+        assert!((goals.values[0][0] - 0.1).abs() < 1e-6 && goals.values[1][0].is_nan());
+        assert!((goals.values[1][4] - 0.3).abs() < 1e-6 && goals.values[1].len() == 5);
+    }
+
+    #[test]
+    fn a_table_may_have_a_joint_called_time() {
+        let text = "frame,time,mask,time,error\n-1,-0.05,1,7,7\n0,0,0,1,2\n1,0.05,0,3,\n";
+        let table = Columns::parse(Path::new("a.csv"), text.as_bytes()).unwrap();
+        assert_eq!(table.names, ["time", "error"]);
+        assert_eq!((table.frames, &table.values[0][..]), (2, &[1.0, 3.0][..]));
+        assert!(table.values[1][1].is_nan());
+    }
 }
