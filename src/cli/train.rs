@@ -162,10 +162,9 @@ fn plan(args: &Args) -> Outcome<Plan> {
     }
     cfg.check_network()?;
     let dir = args.out.clone().unwrap_or_else(|| {
-        let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
-        let secs = now.map_or(0, |d| d.as_secs());
+        let now = chrono::Utc::now().format("%Y%m%d-%H%M%S");
         let robot = Path::new(&robot).file_name().unwrap_or_default().to_string_lossy();
-        PathBuf::from(format!("runs/{}-{robot}-{}", stamp(secs), cfg.preset))
+        PathBuf::from(format!("runs/{now}-{robot}-{}", cfg.preset))
     });
     if dir.join("config.toml").exists() {
         return Err(Failure::usage(format!(
@@ -174,21 +173,6 @@ fn plan(args: &Args) -> Outcome<Plan> {
         )));
     }
     Ok(Plan { dir, cfg, robot, data })
-}
-
-/// yyyymmdd-hhmmss (UTC) of a Unix time; days to a date after Howard Hinnant.
-fn stamp(secs: u64) -> String {
-    let (days, rest) = (secs / 86_400, secs % 86_400);
-    let z = days + 719_468;
-    let (era, day) = (z / 146_097, z % 146_097);
-    let year = (day - day / 1460 + day / 36_524 - day / 146_096) / 365;
-    let day = day - (365 * year + year / 4 - year / 100);
-    let month = (5 * day + 2) / 153;
-    let date = day - (153 * month + 2) / 5 + 1;
-    let (month, late) = if month < 10 { (month + 3, 0) } else { (month - 9, 1) };
-    let year = era * 400 + year + late;
-    let (h, m, s) = (rest / 3600, rest / 60 % 60, rest % 60);
-    format!("{year:04}{month:02}{date:02}-{h:02}{m:02}{s:02}")
 }
 
 fn summary(dir: &Path, done: &Finished) -> String {
@@ -242,16 +226,4 @@ fn summary(dir: &Path, done: &Finished) -> String {
 fn presets() -> String {
     let lines: Vec<_> = PRESETS.iter().map(|(name, what)| format!("  {name:16} {what}")).collect();
     lines.join("\n")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::stamp;
-
-    #[test]
-    fn dates() {
-        assert_eq!(stamp(0), "19700101-000000");
-        assert_eq!(stamp(951_827_696), "20000229-123456");
-        assert_eq!(stamp(1_735_689_599), "20241231-235959");
-    }
 }
