@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::bar::Bar;
 use super::failure::Outcome;
-use super::global::Global;
+use super::global::{Global, Threads};
 use super::{dataset, dataset_plot, interrupt, out};
 use crate::explore::{AgentKind, CollectConfig, Collected, Preset, begun, collect};
 use crate::plot::Theme;
@@ -31,7 +31,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "N", value_parser = count)]
     transitions: Option<u64>,
     /// Dataset folder.
-    #[arg(long)]
+    #[arg(short, long)]
     out: PathBuf,
     /// Environment steps of training per agent [default: the preset's].
     #[arg(long, value_name = "N", value_parser = count)]
@@ -64,9 +64,8 @@ pub(super) struct Args {
     /// Continue the collection in the folder with its own options.
     #[arg(long)]
     resume: bool,
-    /// Threads [default: all cores].
-    #[arg(long)]
-    threads: Option<usize>,
+    #[command(flatten)]
+    threads: Threads,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -76,7 +75,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let robot = Arc::new(Robot::load(&args.robot)?);
     let config = config(args, &robot)?;
     dataset::refuse_file(&args.out)?;
-    let threads = args.threads.unwrap_or_else(|| super::global::threads(None));
+    let threads = args.threads.count();
     let cancel = interrupt::cancel_on_ctrl_c();
     let bar = Bar::new("collect", "steps", global.quiet || args.json);
     let done = collect(&robot, &config, &args.out, args.resume, threads, &bar, &cancel);

@@ -120,7 +120,7 @@ enum What {
         /// Dataset folder.
         data: PathBuf,
         /// Picture to write (png or svg).
-        #[arg(long)]
+        #[arg(short, long)]
         out: PathBuf,
         /// Only these joints.
         #[arg(long, value_delimiter = ',')]
@@ -147,7 +147,7 @@ enum What {
 #[derive(clap::Args, Debug)]
 struct Out {
     /// Folder of the new manifest.
-    #[arg(long)]
+    #[arg(short, long)]
     out: PathBuf,
     /// Print JSON.
     #[arg(long)]

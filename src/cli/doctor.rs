@@ -183,7 +183,7 @@ fn training() -> Check {
 }
 
 fn processor() -> Check {
-    let cores = super::global::threads(None);
+    let cores = super::global::cores();
     let name = field("/proc/cpuinfo", "model name").unwrap_or_else(|| "unknown processor".into());
     #[cfg(target_arch = "x86_64")]
     let features: Vec<&str> = [

@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::bar::Bar;
 use super::failure::{Failure, Outcome};
-use super::global::Global;
+use super::global::{Global, Threads};
 use super::interrupt::cancel_on_ctrl_c;
 use super::motion::{self, CLIP_SUFFIX};
 use super::perform::{Conditions, who};
@@ -68,9 +68,8 @@ pub(super) struct Args {
     /// Use the seeds 0 to N-1; intervals are over seeds.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=1000))]
     seeds: u64,
-    /// Worker threads [default: all cores]. They change the times, but not the other figures.
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
-    threads: Option<u16>,
+    #[command(flatten)]
+    threads: Threads,
     /// The device that computes the networks: the processor, or a graphics card, whose rounding
     /// differs. With a card, 64 rollouts run at once unless --threads gives another number. `auto`
     /// uses a card if there is one. Policies with `auto` or `+refine` stay on the processor.
@@ -88,7 +87,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
     /// Write results.json, results.csv and errors.csv (error per frame) to this folder.
-    #[arg(long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Write a bar chart of the Precisions with 95 % intervals, .png or .svg; - writes SVG to
     /// stdout.
@@ -161,7 +160,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         plot::may_save(path)?;
     }
     let (robot, mut suites) = suites(args)?;
-    let threads = super::global::threads(args.threads);
+    let threads = args.threads.count();
     let config = EvalConfig { policies, plant, seeds: 0..args.seeds, threads };
 
     let cancel = cancel_on_ctrl_c();
@@ -228,7 +227,7 @@ fn on_device(
 ) -> Outcome<(EvalConfig, Option<GpuForwards>)> {
     let cases: usize = suites.iter().map(|s| s.cases.len()).sum();
     let rollouts = cases * config.policies.len() * args.seeds as usize;
-    let at_once = args.threads.map_or(AT_ONCE, usize::from);
+    let at_once = args.threads.threads.unwrap_or(AT_ONCE);
     match args.device.forwards(at_once.min(rollouts)) {
         Ok(None) => Ok((config, None)),
         Ok(device) => Ok((EvalConfig { threads: at_once, ..config }, device)),

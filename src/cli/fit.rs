@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::bar::Bar;
 use super::failure::Outcome;
-use super::global::Global;
+use super::global::{Global, Threads};
 use super::interrupt::cancel_on_ctrl_c;
 use super::{motion, out};
 use crate::dataset::{Dataset, Verify};
@@ -26,7 +26,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
     /// File to write [default: POLICY.safetensors in the data's folder].
-    #[arg(long, value_name = "FILE")]
+    #[arg(short, long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Refuse data of any other robot.
     #[arg(long, value_name = "ID|DIR")]
@@ -43,9 +43,8 @@ pub(super) struct Args {
     /// mlp-inverse: units in each of the two hidden layers.
     #[arg(long, default_value_t = InverseSettings::default().width as u64, value_parser = clap::value_parser!(u64).range(1..=4096))]
     width: u64,
-    /// ridge: threads [default: all cores]. They do not change the result.
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
-    threads: Option<u16>,
+    #[command(flatten)]
+    threads: Threads,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -93,7 +92,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let name = args.policy.as_str();
     let beside = data.path().with_file_name(format!("{name}.safetensors"));
     let path = args.out.clone().unwrap_or(beside);
-    let threads = super::global::threads(args.threads);
+    let threads = args.threads.count();
     let bar = Bar::new("fit", "steps", global.quiet || args.json);
     let cancel = cancel_on_ctrl_c();
     let begin = Instant::now();

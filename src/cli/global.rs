@@ -1,6 +1,7 @@
 //! Options of every command.
 
 use clap::Args;
+use clap::builder::RangedU64ValueParser;
 
 /// Options of every command.
 #[derive(Args, Clone, Copy, Debug)]
@@ -17,7 +18,27 @@ pub(super) struct Global {
     pub(super) verbose: u8,
 }
 
-/// Threads to work with: the given number, else one per core.
-pub(super) fn threads(asked: Option<u16>) -> usize {
-    asked.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from)
+/// Threads of a command that computes.
+#[derive(Args, Clone, Copy, Debug)]
+pub(super) struct Threads {
+    /// Threads [default: all cores]. They change the time and not the results.
+    #[arg(long, value_name = "N", value_parser = thread_count())]
+    pub(super) threads: Option<usize>,
+}
+
+impl Threads {
+    /// The given number, else one per core.
+    pub(super) fn count(self) -> usize {
+        self.threads.unwrap_or_else(cores)
+    }
+}
+
+/// The number that every `--threads` takes.
+pub(super) fn thread_count() -> RangedU64ValueParser<usize> {
+    RangedU64ValueParser::new().range(1..=1024)
+}
+
+/// Cores of this machine.
+pub(super) fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
 }

@@ -18,7 +18,7 @@ pub(super) struct Args {
     /// The model: URDF, or MJCF for MuJoCo 2.2.2.
     file: PathBuf,
     /// The folder to make.
-    #[arg(long)]
+    #[arg(short, long)]
     out: PathBuf,
     #[command(flatten)]
     model: ModelFlags,

@@ -244,6 +244,19 @@ mod tests {
         }
     }
 
+    #[test]
+    fn the_file_to_write_has_one_option() {
+        let mut found = Vec::new();
+        leaves(&Cli::command(), "robert", &mut found);
+        for (path, c) in found {
+            for option in c.get_arguments() {
+                assert_ne!(option.get_long(), Some("output"), "{path}");
+                let is_out = option.get_long() == Some("out");
+                assert_eq!(is_out, option.get_short() == Some('o'), "{path}: {option}");
+            }
+        }
+    }
+
     /// The words of an example, up to a pipe, a redirection or a comment.
     fn words(example: &str) -> Vec<String> {
         let (mut words, mut word, mut quote) = (Vec::new(), String::new(), None);

@@ -43,7 +43,7 @@ pub(super) enum Args {
         run: PathBuf,
         /// File to write.
         #[arg(short, long)]
-        output: PathBuf,
+        out: PathBuf,
         /// Notes for the card: data, commands, seeds, limits.
         #[arg(long)]
         notes: Option<String>,
@@ -62,7 +62,7 @@ pub(super) fn run(args: &Args) -> Outcome {
     match args {
         Args::Ls { json } => ls(*json),
         Args::Show { model, json } => show(model, *json),
-        Args::Pack { run, output, notes, dead_zone, reach } => {
+        Args::Pack { run, out: to, notes, dead_zone, reach } => {
             let mut model = checkpoint::load(&model_path(run), None)?;
             if let Some(dead_zone) = dead_zone {
                 model.card.net.dead_zone = *dead_zone;
@@ -75,9 +75,9 @@ pub(super) fn run(args: &Args) -> Outcome {
                 let data = Dataset::open(data, Verify::Full)?;
                 model.card.reach = Some(fit::reach(&data, &model.card)?);
             }
-            checkpoint::save_half(output, &model)?;
-            let bytes = std::fs::metadata(output).map_or(0, |m| m.len());
-            out::line(&format!("{}: {:.2} MB", output.display(), bytes as f64 / 1e6))
+            checkpoint::save_half(to, &model)?;
+            let bytes = std::fs::metadata(to).map_or(0, |m| m.len());
+            out::line(&format!("{}: {:.2} MB", to.display(), bytes as f64 / 1e6))
         }
     }
 }

@@ -78,7 +78,7 @@ pub(super) struct Args {
     /// The model: URDF or MJCF; or the folder that `robert import` made, which is then --out, too.
     file: PathBuf,
     /// The robot's folder; if it exists, the run in it is continued.
-    #[arg(long)]
+    #[arg(short, long)]
     out: PathBuf,
     #[command(flatten)]
     model: ModelFlags,
@@ -127,7 +127,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let begin = Instant::now();
     let since = || begin.elapsed().as_secs_f64();
     let cancel = cancel_on_ctrl_c();
-    let threads = super::global::threads(None);
+    let threads = super::global::cores();
     let say = |text: &str| {
         if !global.quiet {
             out::aside(text);

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use super::bar::Bar;
 use super::failure::{Failure, Outcome};
-use super::global::Global;
+use super::global::{Global, Threads};
 use super::interrupt::cancel_on_ctrl_c;
 use super::{motion, out};
 use crate::clip::{self, Clip};
@@ -33,9 +33,8 @@ pub(super) struct PerformArgs {
     /// The robot, if it is not the clip's own.
     #[arg(long, value_name = "ID|DIR")]
     pub(super) robot: Option<String>,
-    /// Threads that compare policies and search [default: all cores]. They do not change the motion.
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
-    threads: Option<u16>,
+    #[command(flatten)]
+    threads: Threads,
 }
 
 /// Every policy with its argument, and the options that may follow it.
@@ -85,7 +84,7 @@ impl PerformArgs {
             ("--refine", self.conditions.refine),
             ("--plant", self.conditions.plant.is_some()),
             ("--seed", self.seed != 0),
-            ("--threads", self.threads.is_some()),
+            ("--threads", self.threads.threads.is_some()),
         ];
         all.into_iter().filter(|(_, given)| *given).map(|(flag, _)| flag).collect()
     }
@@ -281,7 +280,7 @@ fn choose(
 ) -> Outcome<Chosen> {
     let contenders = Contenders::new(robot, asked)?;
     let bar = Bar::new(&asked.label(), "frames", global.quiet);
-    let threads = super::global::threads(args.threads);
+    let threads = args.threads.count();
     let chosen = contenders.perform(command, &Start::Pose, args.seed, threads, &bar, cancel);
     bar.finish();
     Ok(chosen?)

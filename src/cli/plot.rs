@@ -25,8 +25,8 @@ pub(super) struct Args {
 #[derive(clap::Args, Debug)]
 struct Common {
     /// The file to write, .png or .svg; - writes SVG to stdout.
-    #[arg(short, long, global = false)]
-    output: PathBuf,
+    #[arg(short, long)]
+    out: PathBuf,
     /// Title of the chart.
     #[arg(long, default_value = "")]
     title: String,
@@ -253,11 +253,11 @@ pub(super) fn run(args: &Args) -> Outcome {
         }
     };
     let theme = if common.dark { Theme::Dark } else { Theme::Light };
-    save(&figure.theme(theme), &common.output)?;
-    if input::is_standard(&common.output) {
+    save(&figure.theme(theme), &common.out)?;
+    if input::is_standard(&common.out) {
         return Ok(());
     }
-    out::line(&common.output.display().to_string())
+    out::line(&common.out.display().to_string())
 }
 
 /// Writes a figure; on stdout it is SVG.

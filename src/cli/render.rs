@@ -33,7 +33,7 @@ pub(super) struct Args {
     input: String,
     /// The file to write: .png or .jpg (one picture), .mp4, .gif or .apng (a film).
     #[arg(short, long)]
-    output: PathBuf,
+    out: PathBuf,
     /// Frames to draw: `40`, `0..100` or `10,20,30` [default: all for a film; for a still, the last
     /// keyframe that differs from the start].
     #[arg(long)]
@@ -61,20 +61,40 @@ pub(super) struct Args {
     kinematic: bool,
     #[command(flatten)]
     perform: PerformArgs,
-    /// Quality: preview (fast) or export (4 samples per pixel).
-    #[arg(long, default_value = "export")]
-    quality: String,
-    /// Renderer: auto, gpu or cpu.
-    #[arg(long, default_value = "auto")]
-    renderer: String,
+    /// Time against smooth edges.
+    #[arg(long, value_enum, default_value_t = QualityArg::Export)]
+    quality: QualityArg,
+    /// What draws.
+    #[arg(long, value_enum, default_value_t = RendererArg::Auto)]
+    renderer: RendererArg,
     /// Print a JSON report about the written file.
     #[arg(long)]
     json: bool,
 }
 
+/// [`Quality`] as it is typed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum QualityArg {
+    /// Fast.
+    Preview,
+    /// Four samples per pixel.
+    Export,
+}
+
+/// [`Backend`] as it is typed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum RendererArg {
+    /// A graphics card if there is one, else the software driver.
+    Auto,
+    /// A graphics card.
+    Gpu,
+    /// The software driver.
+    Cpu,
+}
+
 /// Checked values.
 struct Plan {
-    output: PathBuf,
+    out: PathBuf,
     film: Option<FilmFormat>,
     frames: Option<Vec<usize>>,
     config: RenderConfig,
@@ -130,7 +150,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let adapter = renderer.adapter().0;
     if args.json {
         return out::json(&serde_json::json!({
-            "path": plan.output, "frames": pictures, "bytes": bytes,
+            "path": plan.out, "frames": pictures, "bytes": bytes,
             "width": size.0, "height": size.1, "adapter": adapter,
             "precision": shots.iter().map(|s| s.motion().precision(total)).collect::<Vec<_>>(),
             "unit": shots.iter().map(|s| s.motion().unit.as_str()).collect::<Vec<_>>(),
@@ -138,7 +158,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     }
     out::line(&format!(
         "{}: {pictures} frame{}, {}x{} px, {} kB",
-        plan.output.display(),
+        plan.out.display(),
         if pictures == 1 { "" } else { "s" },
         size.0,
         size.1,
@@ -191,12 +211,12 @@ impl Args {
 
 impl Plan {
     fn new(args: &Args) -> Outcome<Plan> {
-        let film = FilmFormat::of(&args.output);
-        let ending = encode::ending(&args.output);
+        let film = FilmFormat::of(&args.out);
+        let ending = encode::ending(&args.out);
         if film.is_none() && !["png", "jpg", "jpeg"].contains(&ending.as_str()) {
             return Err(Failure::usage(format!(
                 "unknown suffix of {}: use {}",
-                args.output.display(),
+                args.out.display(),
                 encode::ENDINGS
             )));
         }
@@ -216,17 +236,15 @@ impl Plan {
                 Failure::usage(format!("{e}: choose another --size, or the suffix .apng"))
             })?;
         }
-        fsio::writable(&args.output)?;
-        let quality = match args.quality.as_str() {
-            "preview" => Quality::Preview,
-            "export" => Quality::Export,
-            other => return Err(unknown("quality", other, "preview, export")),
+        fsio::writable(&args.out)?;
+        let quality = match args.quality {
+            QualityArg::Preview => Quality::Preview,
+            QualityArg::Export => Quality::Export,
         };
-        let backend = match args.renderer.as_str() {
-            "auto" => Backend::Auto,
-            "gpu" => Backend::Gpu,
-            "cpu" => Backend::Cpu,
-            other => return Err(unknown("renderer", other, "auto, gpu, cpu")),
+        let backend = match args.renderer {
+            RendererArg::Auto => Backend::Auto,
+            RendererArg::Gpu => Backend::Gpu,
+            RendererArg::Cpu => Backend::Cpu,
         };
         args.refuse_unused()?;
         // A typo in the second policy must show before the first clip is drawn.
@@ -234,7 +252,7 @@ impl Plan {
         args.second().named()?;
         let frames = args.frames.as_deref().map(frames).transpose()?;
         let plan = Plan {
-            output: args.output.clone(),
+            out: args.out.clone(),
             film,
             frames,
             config: RenderConfig { width, height, quality, backend, ..RenderConfig::default() },
@@ -315,10 +333,6 @@ impl Plan {
 /// `n` of `total` frames at equal distances, the last among them.
 fn moments(total: usize, n: usize) -> Vec<usize> {
     (0..n).map(|i| (i + 1) * (total - 1) / n.max(1)).collect()
-}
-
-fn unknown(what: &str, word: &str, known: &str) -> Failure {
-    Failure::usage(format!("no {what} named {word:?}; there are: {known}"))
 }
 
 /// `640x480`.
@@ -470,8 +484,8 @@ fn still(plan: &Plan, frames: &[usize], draw: Draw<'_>) -> Outcome<Done> {
     }
     let Some(strip) = strip else { return Err(Failure::usage("no frames to draw")) };
     let picture = strip.finish();
-    encode::save(&picture, &plan.output)?;
-    let bytes = std::fs::metadata(&plan.output)?.len();
+    encode::save(&picture, &plan.out)?;
+    let bytes = std::fs::metadata(&plan.out)?.len();
     Ok((frames.len() as u64, bytes, (picture.width, picture.height)))
 }
 
@@ -485,7 +499,7 @@ fn film(plan: &Plan, format: FilmFormat, frames: &[usize], draw: Draw<'_>) -> Ou
             Film { format, fps: FPS, width: size.0, height: size.1, frames: frames.len() as u32 };
         let writer = match &mut writer {
             Some(w) => w,
-            None => writer.insert(VideoWriter::create(&plan.output, film)?),
+            None => writer.insert(VideoWriter::create(&plan.out, film)?),
         };
         writer.push(picture)?;
     }

@@ -37,7 +37,7 @@ pub(super) enum Args {
         run: PathBuf,
         /// Also draw its curves to this file; the run directory has its own curves.png.
         #[arg(short, long, value_name = "FILE")]
-        output: Option<PathBuf>,
+        out: Option<PathBuf>,
         /// Print JSON.
         #[arg(long)]
         json: bool,
@@ -50,7 +50,7 @@ pub(super) enum Args {
         runs: Vec<PathBuf>,
         /// Draw the Precision of all runs over training.
         #[arg(short, long, value_name = "FILE")]
-        output: Option<PathBuf>,
+        out: Option<PathBuf>,
         /// Print JSON.
         #[arg(long)]
         json: bool,
@@ -60,8 +60,8 @@ pub(super) enum Args {
 pub(super) fn run(args: &Args) -> Outcome {
     match args {
         Args::Ls { dir, json } => ls(dir, *json),
-        Args::Show { run, output, json } => show(run, output.as_deref(), *json),
-        Args::Compare { runs, output, json } => compare(runs, output.as_deref(), *json),
+        Args::Show { run, out, json } => show(run, out.as_deref(), *json),
+        Args::Compare { runs, out, json } => compare(runs, out.as_deref(), *json),
     }
 }
 

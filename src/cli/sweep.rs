@@ -28,7 +28,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
     /// Folder for points, table.csv, results.json and sweep.png.
-    #[arg(long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR")]
     out: PathBuf,
     /// Change one setting of all points; may be repeated.
     #[arg(long, value_name = "KEY=VALUE")]
@@ -38,8 +38,8 @@ pub(super) struct Args {
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: u16,
     /// Threads of a point [default: all cores, divided by --jobs]. They do not change the figures.
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
-    threads: Option<u16>,
+    #[arg(long, value_name = "N", value_parser = super::global::thread_count())]
+    threads: Option<usize>,
     #[command(flatten)]
     on: device::On,
     /// Read the numbers of points from stdin and answer each with a line of JSON.
@@ -62,10 +62,9 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let work = Work {
         data: data.clone(),
         out: args.out.clone(),
-        threads: args.threads.map_or_else(
-            || (super::global::threads(None) / usize::from(args.jobs)).max(1),
-            usize::from,
-        ),
+        threads: args
+            .threads
+            .unwrap_or_else(|| (super::global::cores() / usize::from(args.jobs)).max(1)),
         checkpoint_secs: 120.0,
         engines: Some(&request),
         progress: &bar,

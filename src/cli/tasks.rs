@@ -48,7 +48,7 @@ pub(super) enum Args {
         #[arg(long, value_name = "ID|DIR")]
         robot: String,
         /// Folder for the clips.
-        #[arg(long, value_name = "DIR")]
+        #[arg(short, long, value_name = "DIR")]
         out: PathBuf,
         /// Seed of the poses.
         #[arg(long, default_value_t = 0)]
@@ -59,7 +59,7 @@ pub(super) enum Args {
     #[command(hide = true)]
     Floors {
         /// The folder for the files.
-        #[arg(long)]
+        #[arg(short, long)]
         out: PathBuf,
         /// Measure only the tasks of this robot.
         #[arg(long)]
@@ -141,8 +141,7 @@ fn floors(dir: &Path, only: Option<&str>, global: Global) -> Outcome {
             }
         }
         let bar = Bar::new(id, "frames", global.quiet);
-        let table =
-            floor::measure_table(&robot, cases, super::global::threads(None), &bar, &cancel);
+        let table = floor::measure_table(&robot, cases, super::global::cores(), &bar, &cancel);
         bar.finish();
         let path = dir.join(format!("{id}.json"));
         fsio::write_atomic(&path, table?.to_text().as_bytes())?;

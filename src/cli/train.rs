@@ -7,7 +7,7 @@ use std::sync::Arc;
 use super::bar::Bar;
 use super::eval::AT_ONCE;
 use super::failure::{Failure, Outcome};
-use super::global::Global;
+use super::global::{Global, Threads};
 use super::interrupt::cancel_on_ctrl_c;
 use super::{device, motion, out};
 use crate::dataset::{Dataset, Verify};
@@ -42,14 +42,13 @@ pub(super) struct Args {
     #[arg(long, value_name = "N")]
     self_correct: Option<u64>,
     /// Directory for a new run [default: runs/TIME-ROBOT-PRESET].
-    #[arg(long, value_name = "RUN")]
+    #[arg(short, long, value_name = "RUN")]
     out: Option<PathBuf>,
     /// Directory of a run to continue, with its own settings, robot and data.
     #[arg(long, value_name = "RUN", conflicts_with_all = ["out", "set", "preset", "self_correct"])]
     resume: Option<PathBuf>,
-    /// Threads [default: all cores]. They do not change the weights.
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
-    threads: Option<u16>,
+    #[command(flatten)]
+    threads: Threads,
     #[command(flatten)]
     on: device::On,
     /// Minutes between checkpoints.
@@ -69,7 +68,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let data = Dataset::open(&data, Verify::Full)?;
     data.must_be_of(&robot)?;
     let request = args.on.request()?;
-    let threads = super::global::threads(args.threads);
+    let threads = args.threads.count();
     let selecting = |e: SuiteEvaluator| e.selecting(cfg.select, &data, cfg.seed);
     let mut evaluator = SuiteEvaluator::new(Arc::clone(&robot), threads)
         .and_then(|e| e.map(selecting).transpose())

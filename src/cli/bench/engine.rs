@@ -1,7 +1,6 @@
 //! Shared by `bench train` and `bench infer`: sizes, floating-point work, peak.
 
 use super::clock::process_cpu;
-use crate::cli::failure::{Failure, Outcome};
 use crate::linalg::{Aligned, Init, Mat, MatMut, gemm, on_threads};
 use crate::net::{Batch, Mixing, NetConfig, SkipKind, WINDOW};
 
@@ -76,14 +75,6 @@ impl Size {
         let (d, n, t) = (cfg.width as f64, cfg.layers as f64, WINDOW as f64);
         24.0 * d * d * n * t + 4.0 * t * t * d * n
     }
-}
-
-/// Refuses thread counts outside 1 to 256.
-pub(super) fn check_threads(threads: usize) -> Outcome {
-    if (1..=256).contains(&threads) {
-        return Ok(());
-    }
-    Err(Failure::usage("--threads takes 1 to 256"))
 }
 
 /// Best rate of large products, floating-point operations a second of processor time and

@@ -47,7 +47,7 @@ pub(super) fn run(args: &Args) -> Outcome {
     for assignment in &args.set {
         preset.set(assignment)?;
     }
-    let threads = crate::cli::global::threads(None);
+    let threads = crate::cli::global::cores();
     let cancel = interrupt::cancel_on_ctrl_c();
     let bar = Bar::new("explore", "steps", args.json);
     let done = learning_curves(&robot, &args.agent, &preset, args.seed, threads, &bar, &cancel);

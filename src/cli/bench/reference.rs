@@ -12,7 +12,7 @@ use crate::net::exchange;
 )]
 pub(super) struct Args {
     /// Folder for the files, one for each variant of the network.
-    #[arg(long)]
+    #[arg(short, long)]
     out: PathBuf,
     /// Seed of the numbers.
     #[arg(long, default_value_t = 1)]

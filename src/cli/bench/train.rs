@@ -6,8 +6,9 @@ use std::time::Instant;
 use serde::Serialize;
 
 use super::clock::{median, process_cpu};
-use super::engine::{Size, Sizes, check_threads, fill, peak};
+use super::engine::{Size, Sizes, fill, peak};
 use crate::cli::failure::{Failure, Outcome};
+use crate::cli::global::thread_count;
 use crate::cli::out;
 use crate::gpu::{Arithmetic, Choice};
 use crate::net::{AdamConfig, Learner, Net};
@@ -23,7 +24,7 @@ pub(super) struct Args {
     #[arg(long)]
     batch: Option<usize>,
     /// Threads.
-    #[arg(long, default_value_t = 2)]
+    #[arg(long, default_value_t = 2, value_parser = thread_count())]
     threads: usize,
     /// Measures the processor, or a graphics card: gpu or gpu:N.
     #[arg(long, value_name = "cpu|gpu[:N]", default_value_t = Choice::Cpu)]
@@ -64,7 +65,6 @@ struct Row {
 }
 
 pub(super) fn run(args: &Args) -> Outcome {
-    check_threads(args.threads)?;
     if !(0.1..=600.0).contains(&args.secs) {
         return Err(Failure::usage("--secs takes 0.1 to 600"));
     }

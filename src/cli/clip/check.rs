@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::super::bar::Bar;
 use super::super::failure::{Failure, Outcome};
-use super::super::global::{Global, threads};
+use super::super::global::{Global, cores};
 use super::super::interrupt::cancel_on_ctrl_c;
 use super::super::{input, out};
 use super::fix::{Finder, Fixed};
@@ -170,7 +170,7 @@ fn file(a: &Check, path: &Path, bar: &Bar, cancel: &Cancel) -> Result<FileReport
     if a.whole_masks {
         table.granularity = Granularity::State;
     }
-    let threads = threads(None);
+    let threads = cores();
     let asked = robot.as_ref().filter(|_| a.simulate);
     let simulation = asked.map(|robot| Simulation::new(robot, threads, bar, cancel));
     let mut finder = Finder { table: &table, simulation };

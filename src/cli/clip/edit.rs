@@ -36,7 +36,7 @@ pub(super) struct New {
     #[arg(long, default_value = "")]
     name: String,
     /// Write to this file instead of stdout.
-    #[arg(long, short, value_name = "FILE")]
+    #[arg(short, long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Overwrite an existing file.
     #[arg(long)]
@@ -137,7 +137,7 @@ pub(super) struct Apply {
     #[arg(long, short, conflicts_with = "out")]
     in_place: bool,
     /// Write the edited clip to this file.
-    #[arg(long, short, value_name = "FILE")]
+    #[arg(short, long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Overwrite an existing file.
     #[arg(long)]

@@ -15,7 +15,7 @@ pub(in super::super) struct Args {
     /// Folder of the plan.
     dir: PathBuf,
     /// Folder for the results. An earlier merge there is replaced.
-    #[arg(long, value_name = "OUT")]
+    #[arg(short, long, value_name = "OUT")]
     out: PathBuf,
     /// Copy the motion of a collection instead of making hard links to it. Where the file system
     /// has no hard links, it is copied anyway.

@@ -17,7 +17,7 @@ pub(in super::super) struct Args {
     /// The spec, a TOML file.
     spec: PathBuf,
     /// Folder for the plan and its shards, on a file system that all machines share.
-    #[arg(long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR")]
     out: PathBuf,
     /// Let all machines compute like one with AVX2 only, so that different processors give equal
     /// bits. Training then takes longer on processors that have more.

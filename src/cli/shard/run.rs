@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::super::failure::{Failure, Outcome};
-use super::super::global::{Global, threads};
+use super::super::global::{Global, Threads};
 use super::super::interrupt::cancel_on_warning;
 use super::super::{out, pool};
 use super::accept::AcceptArgs;
@@ -36,9 +36,8 @@ pub(in super::super) struct Args {
     /// After SIGUSR1, put this job into the queue again.
     #[arg(long, value_name = "QUEUE", value_parser = ["slurm"])]
     requeue: Option<String>,
-    /// Threads [default: all cores]. They do not change the results.
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256))]
-    threads: Option<u16>,
+    #[command(flatten)]
+    threads: Threads,
     /// Minutes between checkpoints of a training shard.
     #[arg(long, default_value_t = 1.0, value_name = "MINUTES")]
     checkpoint_mins: f64,
@@ -56,7 +55,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let (cancel, warned) = cancel_on_warning();
     let accept = args.accept.accept();
     let secs = 60.0 * args.checkpoint_mins;
-    let shop = Workshop::open(&args.dir, accept, threads(args.threads), secs, &cancel)?;
+    let shop = Workshop::open(&args.dir, accept, args.threads.count(), secs, &cancel)?;
     if args.stdin {
         return pool::serve(|index| Ok(shop.run(index).map(drop)?));
     }

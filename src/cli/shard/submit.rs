@@ -6,7 +6,7 @@ use clap::ValueEnum as _;
 
 use super::super::bar::Bar;
 use super::super::failure::{Failure, Outcome};
-use super::super::global::{Global, threads};
+use super::super::global::{Global, cores, thread_count};
 use super::super::interrupt::cancel_on_ctrl_c;
 use super::super::{out, pool};
 use super::accept::AcceptArgs;
@@ -29,8 +29,8 @@ pub(in super::super) struct Args {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
     /// Processor cores of a process or task.
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=256))]
-    threads: u16,
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = thread_count())]
+    threads: usize,
     /// slurm, kubernetes: shards in a task, so that it takes 5 to 60 minutes [default: 1].
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..))]
     pack: Option<u32>,
@@ -147,8 +147,7 @@ fn local(args: &Args, global: Global, plan: &Plan, left: &[usize]) -> Outcome {
         // A foreign machine is named once, not by every process.
         plan.admit(args.accept.accept())?;
     }
-    let cores = threads(None);
-    let jobs = args.jobs.map_or_else(|| cores / usize::from(args.threads), usize::from).max(1);
+    let jobs = args.jobs.map_or_else(|| cores() / args.threads, usize::from).max(1);
     let mut words = vec!["shard".to_owned(), "run".to_owned(), args.dir.display().to_string()];
     words.extend(["--stdin".to_owned(), "--threads".to_owned(), args.threads.to_string()]);
     words.extend(args.accept.words());
@@ -188,7 +187,7 @@ fn cluster(args: &Args, plan: &Plan, left: &[usize]) -> Outcome {
         pack: args.pack(),
         limit: args.limit(),
         time: args.time.clone().unwrap_or_else(|| "01:00:00".to_owned()),
-        cpus: usize::from(args.threads),
+        cpus: args.threads,
         memory: args.mem.clone().unwrap_or_else(|| "2G".to_owned()),
         warn_secs: args.warn.unwrap_or(120),
         max_array: args.max_array.map(|n| n as usize).or(site).unwrap_or(MAX_ARRAY),
@@ -226,7 +225,7 @@ fn pods(args: &Args) -> kubernetes::Options {
         claim: or(&args.claim, "robert-work"),
         dir: args.dir.display().to_string(),
         limit: args.limit(),
-        cpus: usize::from(args.threads),
+        cpus: args.threads,
         memory: or(&args.mem, "2Gi"),
         pack: args.pack(),
         run: args.accept.words(),
