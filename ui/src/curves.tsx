@@ -9,7 +9,7 @@ import { keyEnd, values } from "./clip";
 import { addedAt, isDense } from "./layers";
 import { digitsOf, fixed } from "./numbers";
 import * as store from "./store";
-import { colors, hue, palette } from "./theme";
+import { colors, hue, palette, takeColor } from "./theme";
 
 /** Goals of one joint by frame; null where masked. Fills between keys are left to the line. */
 function goals(joint: number): (number | null)[] {
@@ -105,7 +105,7 @@ function compared(): { id: number; name: string; color: string }[] {
   return store.compared.value.map((id, i) => ({
     id,
     name: store.takes.value.find((t) => t.id === id)?.name ?? `take ${id}`,
-    color: store.takeColor(i),
+    color: takeColor(i),
   }));
 }
 

@@ -82,11 +82,6 @@ export const compared = signal<number[]>([]);
 /** Their motions. */
 export const takeFrames = signal<ReadonlyMap<number, Frames>>(new Map());
 
-/** The colour of the take that is compared at this place. */
-export function takeColor(place: number): string {
-  return ["#c94fa8", "#8f7bd6", "#5f9e8f", "#b08a4a"][place % 4] as string;
-}
-
 /** What stands beside the timeline. */
 export const side = signal<"curves" | "rendered" | "compare" | "reference">("curves");
 

@@ -8,6 +8,7 @@ import { labelInWords } from "./policy_words";
 import type { TakeCard } from "./protocol";
 import * as store from "./store";
 import { takeOfNow, toggleCompared } from "./takes";
+import { takeColor } from "./theme";
 import { tell } from "./wire";
 
 type Column = "mae" | "worst" | "jerk";
@@ -91,7 +92,7 @@ export function TakeTable() {
                       title="Draw it beside the current take; Ctrl adds it to those that are drawn"
                       onClick={(e) => toggleCompared(t.id, e.ctrlKey || e.metaKey || e.shiftKey)}
                     >
-                      <span class="mark" style={on >= 0 ? `color: ${store.takeColor(on)}` : ""}>
+                      <span class="mark" style={on >= 0 ? `color: ${takeColor(on)}` : ""}>
                         <Icon of={t.id === now ? CircleDot : on >= 0 ? Diamond : Circle} size={12} />
                       </span>
                       <span class="of-take">

@@ -7,6 +7,7 @@ import { Icon } from "./icon";
 import { labelInWords } from "./policy_words";
 import type { TakeCard, TakesView } from "./protocol";
 import * as store from "./store";
+import { takeColor } from "./theme";
 import { Thumbnail } from "./thumbnail";
 import { complain, http, tell } from "./wire";
 
@@ -81,7 +82,7 @@ function Row({ take }: { take: TakeCard }) {
       <span
         class="mark"
         role="img"
-        style={on >= 0 ? `color: ${store.takeColor(on)}` : ""}
+        style={on >= 0 ? `color: ${takeColor(on)}` : ""}
         aria-label={now ? "current" : on >= 0 ? "compared" : "kept"}
       >
         <Icon of={now ? CircleDot : on >= 0 ? Diamond : Circle} size={12} />

@@ -38,11 +38,24 @@ export function colors(): Theme {
   return cached;
 }
 
-/** The colour of a curve by its number. */
-export function hue(i: number): string {
-  const all = getComputedStyle(document.documentElement).getPropertyValue("--series").trim().split(/\s+/);
-  return all[i % all.length] || "#56b4e9";
+function variable(name: string): string {
+  return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 }
+
+/** One of the colours of a list. */
+function one(list: string, i: number): string {
+  const all = variable(list).split(/\s+/);
+  return all[i % all.length] ?? "";
+}
+
+/** The colour of a curve by its number. */
+export const hue = (i: number): string => one("series", i);
+
+/** The colour of the take that is compared at this place. */
+export const takeColor = (place: number): string => one("compared", place);
+
+/** The stops of the background behind the robot. */
+export const stageColors = (): string => variable("stage");
 
 /** Rises when the colours or the letters change. */
 export const palette = signal(0);

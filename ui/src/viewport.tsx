@@ -17,7 +17,7 @@ import { install } from "./shortcuts";
 import { inRobotOrder } from "./sites";
 import { Splitter } from "./splitter";
 import * as store from "./store";
-import { isDark, palette } from "./theme";
+import { isDark, palette, stageColors } from "./theme";
 import { complain, http, tell } from "./wire";
 
 /** Viser's own panel and notices would cover the robot; the shell has its own. */
@@ -32,10 +32,9 @@ const STAGES: Record<Stage, string> = {
   search: "searching for a better motion",
 };
 
-/** The background behind the robot: light in the middle, darker at the edges. The canvas of the scene is
- * transparent where nothing is drawn. */
-const stage = (dark: boolean): string =>
-  `canvas[data-engine]{background:radial-gradient(ellipse at 50% 42%,${dark ? "#343b46,#1d2229 55%,#12151a" : "#ffffff,#eef1f5 55%,#d6dce4"})}`;
+/** The background behind the robot. The canvas of the scene is transparent where nothing is drawn. */
+const stage = (): string =>
+  `canvas[data-engine]{background:radial-gradient(ellipse at 50% 42%,${stageColors()})}`;
 
 /** Viser's client loads a sorter for splats that makes functions from text. The page's security policy
  * forbids that, so each start would leave an error in the console. This scene has no splats, so the
@@ -71,7 +70,7 @@ export function Viewport() {
     const themed = palette.subscribe(() => {
       tell("view.show", { dark: isDark() });
       const own = frame.current?.contentDocument?.querySelector("#stage");
-      if (own) own.textContent = stage(isDark());
+      if (own) own.textContent = stage();
     });
     return () => {
       dispose();
@@ -87,7 +86,7 @@ export function Viewport() {
     style.textContent = HIDE;
     const behind = page.createElement("style");
     behind.id = "stage";
-    behind.textContent = stage(isDark());
+    behind.textContent = stage();
     page.head.append(style, behind);
     install(inner as Window);
     inner.addEventListener("pointermove", (e) => {

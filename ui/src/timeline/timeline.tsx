@@ -18,7 +18,7 @@ import { heard } from "../reference";
 import { SheetTabs } from "../sheet_tabs";
 import { siteTitle } from "../sites";
 import * as store from "../store";
-import { colors, palette } from "../theme";
+import { colors, palette, takeColor } from "../theme";
 import { applyOp, tell } from "../wire";
 import { draw, forgetHatches } from "./draw";
 import { Gestures } from "./gestures";
@@ -34,7 +34,7 @@ const ERROR_TOP = 0.1;
 function beside(): Scene["beside"] {
   const place = store.compared.value.length - 1;
   const frames = store.takeFrames.value.get(store.compared.value[place] ?? -1);
-  return frames && { errors: frames.error, color: store.takeColor(place) };
+  return frames && { errors: frames.error, color: takeColor(place) };
 }
 
 const openKey = (frame: number): void => openDialog({ name: "key", frame });
