@@ -3,9 +3,9 @@
 //!
 //! It has eight registers of sixteen rows of 64 bytes. One instruction multiplies two of them as
 //! matrices of bfloat16 and adds the product to a third in single precision, at sixteen times the
-//! rate of vector instructions of single precision. Rust has no safe access to it, so this is the
-//! only place with `unsafe` besides `src/mujoco`; it contains four blocks of instructions.
-//! [`super::bf16x3`] uses them.
+//! rate of vector instructions of single precision. Rust has no safe access to it, so this
+//! file has `unsafe`, as only `src/mujoco` and `src/gpu/trusted.rs` have besides; it contains four
+//! blocks of instructions. [`super::bf16x3`] uses them.
 
 #![allow(unsafe_code)]
 

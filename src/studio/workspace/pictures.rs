@@ -37,7 +37,7 @@ const WAITING: usize = 128;
 /// Pixels along an edge, at least.
 const SMALLEST_PX: u32 = 16;
 
-/// The size of pictures within the page's text.
+/// What an example's picture shows besides the robot.
 const CARD_OVERLAY: &str = "ghost,error,trail";
 
 /// Size of an example's picture, pixels.
