@@ -338,9 +338,9 @@ impl Columns {
 
     fn of_take(take: &Take, what: Asked) -> Columns {
         let (robot, command) = (&take.robot, &take.command);
-        let goal = |f: usize, j: usize| match command.sees(f as u32, j) {
-            true => f64::from(command.row(f as u32)[j]),
-            false => f64::NAN,
+        let goal = |f: usize, j: usize| {
+            let seen = command.sees(f as u32, j);
+            if seen { f64::from(command.row(f as u32)[j]) } else { f64::NAN }
         };
         let value = |f: usize, j: usize| match what {
             Asked::Achieved => take.state(f)[j],

@@ -36,7 +36,7 @@ pub struct Options {
 /// The manifest of the job.
 pub fn job(plan: &Plan, options: &Options) -> String {
     let Options { image, claim, dir, limit, cpus, memory, pack, run } = options;
-    let more: String = run.iter().map(|word| format!(" {word}")).collect();
+    let more: String = run.iter().flat_map(|word| [" ", word]).collect();
     let name: String = plan
         .name
         .to_ascii_lowercase()

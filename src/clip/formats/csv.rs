@@ -256,6 +256,8 @@ fn broken(e: &::csv::Error) -> ClipError {
 
 #[cfg(test)]
 mod tests {
+    use std::fmt::Write as _;
+
     use super::super::super::compile;
     use super::*;
 
@@ -293,7 +295,7 @@ mod tests {
         let mut text = String::from("time,a,b\n");
         for i in 0..=200 {
             let t = f64::from(i) * 0.01;
-            text += &format!("{},{},{}\n", 1_700_000_000.0 + t, t * 2.0, -t);
+            writeln!(text, "{},{},{}", 1_700_000_000.0 + t, t * 2.0, -t).unwrap();
         }
         let clip = from_csv(text.as_bytes(), None, Fill::Mask).unwrap();
         assert_eq!(clip.length, 41);
