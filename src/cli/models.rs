@@ -42,7 +42,7 @@ pub(super) enum Args {
         /// Run directory or model file.
         run: PathBuf,
         /// File to write.
-        #[arg(short, long)]
+        #[arg(short, long, alias = "output")]
         out: PathBuf,
         /// Notes for the card: data, commands, seeds, limits.
         #[arg(long)]

@@ -25,7 +25,7 @@ pub(super) struct Args {
 #[derive(clap::Args, Debug)]
 struct Common {
     /// The file to write, .png or .svg; - writes SVG to stdout.
-    #[arg(short, long)]
+    #[arg(short, long, alias = "output")]
     out: PathBuf,
     /// Title of the chart.
     #[arg(long, default_value = "")]

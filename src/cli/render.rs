@@ -32,7 +32,7 @@ pub(super) struct Args {
     /// A clip file, a take (.mcap), or the name of a built-in task (`fire`).
     input: String,
     /// The file to write: .png or .jpg (one picture), .mp4, .gif or .apng (a film).
-    #[arg(short, long)]
+    #[arg(short, long, alias = "output")]
     out: PathBuf,
     /// Frames to draw: `40`, `0..100` or `10,20,30` [default: all for a film; for a still, the last
     /// keyframe that differs from the start].

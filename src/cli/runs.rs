@@ -36,7 +36,7 @@ pub(super) enum Args {
         /// Run directory.
         run: PathBuf,
         /// Also draw its curves to this file; the run directory has its own curves.png.
-        #[arg(short, long, value_name = "FILE")]
+        #[arg(short, long, alias = "output", value_name = "FILE")]
         out: Option<PathBuf>,
         /// Print JSON.
         #[arg(long)]
@@ -49,7 +49,7 @@ pub(super) enum Args {
         #[arg(required = true, num_args = 2..)]
         runs: Vec<PathBuf>,
         /// Draw the Precision of all runs over training.
-        #[arg(short, long, value_name = "FILE")]
+        #[arg(short, long, alias = "output", value_name = "FILE")]
         out: Option<PathBuf>,
         /// Print JSON.
         #[arg(long)]
