@@ -451,12 +451,7 @@ fn wide(row: &[f32]) -> Vec<f64> {
 }
 
 fn commanded(command: &Command) -> Vec<Vec<f64>> {
-    (0..command.frames())
-        .map(|f| {
-            let row = command.row(f).iter().enumerate();
-            row.map(|(j, v)| if command.sees(f, j) { f64::from(*v) } else { f64::NAN }).collect()
-        })
-        .collect()
+    command.goal_rows().map(|row| wide(&row)).collect()
 }
 
 fn moment(shots: &mut [Shot], renderer: &mut Renderer, frame: usize) -> Outcome<Picture> {

@@ -200,6 +200,14 @@ impl Command {
         &self.start
     }
 
+    /// The goals of each frame, (dim); NaN where there is none.
+    pub fn goal_rows(&self) -> impl Iterator<Item = Vec<f32>> {
+        (0..self.frames).map(|f| {
+            let row = self.row(f).iter().enumerate();
+            row.map(|(j, v)| if self.sees(f, j) { *v } else { f32::NAN }).collect()
+        })
+    }
+
     /// The row of a frame, (dim); empty beyond the end.
     pub fn row(&self, frame: u32) -> &[f32] {
         let at = frame as usize * self.dim();

@@ -46,4 +46,4 @@ pub use learning_curves::learning_curves;
 pub use mlp::Adam;
 pub use mlp::{Layer, Mlp, Tape};
 pub use preset::Preset;
-pub use request::{Begun, CollectConfig, begun};
+pub use request::{Begun, CollectConfig, begun, share};

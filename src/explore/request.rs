@@ -301,7 +301,7 @@ fn difference(
 }
 
 /// Part `i` of `n` nearly equal parts of `total`.
-pub(super) fn share(total: u64, n: u64, i: u64) -> u64 {
+pub fn share(total: u64, n: u64, i: u64) -> u64 {
     let upto = |i: u64| (u128::from(total) * u128::from(i) / u128::from(n)) as u64;
     upto(i + 1) - upto(i)
 }

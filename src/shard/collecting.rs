@@ -9,7 +9,7 @@ use robert_base::fsio;
 use robert_base::progress::{Cancel, Progress, Silent};
 use robert_base::scratch::Scratch;
 use robert_dataset::{Dataset, SHORTEST};
-use robert_explore::{CollectConfig, collect};
+use robert_explore::{CollectConfig, collect, share};
 use robert_robot::Robot;
 
 use super::bench::Bench;
@@ -21,12 +21,6 @@ use super::{Cell, Error, folder};
 
 /// The dataset in a shard's folder.
 pub(super) const DATA: &str = "data";
-
-/// Part `i` of `n` nearly equal parts of `total`.
-fn share(total: u64, n: u64, i: u64) -> u64 {
-    let upto = |i: u64| (u128::from(total) * u128::from(i) / u128::from(n)) as u64;
-    upto(i + 1) - upto(i)
-}
 
 /// The cells, each of which is checked.
 pub(super) fn draft(spec: &Collect, robot: &Arc<Robot>, place: &str) -> Result<Draft, Error> {

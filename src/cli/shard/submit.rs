@@ -59,7 +59,7 @@ pub(in super::super) struct Args {
     /// kubernetes: claim of the volume with the plan [default: robert-work].
     #[arg(long)]
     claim: Option<String>,
-    /// slurm: print the script and send nothing.
+    /// slurm, kubernetes: print the script and send nothing.
     #[arg(long)]
     dry_run: bool,
     #[command(flatten)]
@@ -115,7 +115,7 @@ impl Args {
             ("--merge", self.merge.is_some(), &[Local, Slurm]),
             ("--max-array", self.max_array.is_some(), &[Slurm]),
             ("--image and --claim", self.image.is_some() || self.claim.is_some(), &[Kubernetes]),
-            ("--dry-run", self.dry_run, &[Slurm]),
+            ("--dry-run", self.dry_run, &[Slurm, Kubernetes]),
             ("--json", self.json, &[Local, Slurm]),
             ("an option of sbatch", !self.sbatch.is_empty(), &[Slurm]),
         ];

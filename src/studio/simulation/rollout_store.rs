@@ -273,12 +273,7 @@ impl RolloutStore {
         let performance = &inner.performance;
         let command = performance.command.as_ref()?.reordered(&robot.table.names())?;
         let simulated = frame < inner.frames.q.len();
-        let commanded = (0..command.frames())
-            .map(|f| {
-                let row = command.row(f).iter().enumerate();
-                row.map(|(j, v)| if command.sees(f, j) { *v } else { f32::NAN }).collect()
-            })
-            .collect();
+        let commanded = command.goal_rows().collect();
         let (achieved, performer) = if simulated {
             (inner.frames.q.clone(), inner.state.policy.clone())
         } else {

@@ -183,12 +183,8 @@ fn performed(
     let built = policy.build(robot)?;
     let mut rollout = Rollout::new(robot, built, &command, Start::Pose, config)?;
     while rollout.step()?.is_some() {}
-    let commanded = (0..command.frames())
-        .map(|f| {
-            let row = command.row(f).iter().enumerate();
-            row.map(|(j, v)| if command.sees(f, j) { f64::from(*v) } else { f64::NAN }).collect()
-        })
-        .collect();
+    let commanded =
+        command.goal_rows().map(|row| row.into_iter().map(f64::from).collect()).collect();
     let motion = Motion {
         name: name.to_owned(),
         performer: policy.label(),
