@@ -38,7 +38,7 @@ pub(super) const ALLOWANCE: f64 = 0.02;
 /// Allowance for overshoot as a share of the step between the two goals.
 pub(super) const ALLOWED_SHARE: f64 = 0.05;
 
-/// The distance that a joint may go after its last goal without a penalty, rad or m.
+/// The distance that a joint without goals may go without a penalty, rad or m.
 const FREE: f64 = 0.1;
 
 /// Penalty of unnatural motion in a gap, as rad or m of error: for each rad or m of overshoot; and for
@@ -312,18 +312,14 @@ fn farthest(goals: &Goals, states: &[f64]) -> f64 {
     (1..goals.frames().min(reached.len() / d)).map(error).fold(0.0, f64::max)
 }
 
-/// The distance that a joint goes at most from where it was at its last goal, rad or m. A joint without
-/// goals had its last one at frame 0, the start.
+/// The distance that a joint without goals goes at most from its start, rad or m.
 fn farthest_free(goals: &Goals, states: &[f64]) -> f64 {
     let d = goals.dim();
     let reached = &states[HISTORY * d..];
     let frames = goals.frames().min(reached.len() / d);
-    let free = |j: usize| {
-        let last = (1..goals.frames()).rev().find(|&f| goals.is_visible(f, j)).unwrap_or(0);
-        let at = |f: usize| reached[f * d + j];
-        (last + 1..frames).map(move |f| (at(f) - at(last)).abs()).fold(0.0, f64::max)
-    };
-    (0..d).map(free).fold(0.0, f64::max)
+    let free = (0..d).filter(|&j| (1..goals.frames()).all(|f| !goals.is_visible(f, j)));
+    let way = |j: usize| (1..frames).map(move |f| (reached[f * d + j] - reached[j]).abs());
+    free.flat_map(way).fold(0.0, f64::max)
 }
 
 /// The part of a penalty that counts beside the distance to the goals.
