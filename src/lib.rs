@@ -28,7 +28,7 @@
 //! Start reading at [`clip`] (the document that a person edits), then [`rollout`] (how it is
 //! performed), then [`net`] (how the torque is computed).
 
-pub use robert_base::{child, exit, fsio, limits, progress, rng, scratch, units, xml};
+pub use robert_base::{child, exit, fsio, limits, parallel, progress, rng, scratch, units, xml};
 
 pub use robert_clip as clip;
 pub use robert_dataset as dataset;

@@ -5,6 +5,7 @@ pub mod exit;
 pub mod fsio;
 pub mod json;
 pub mod limits;
+pub mod parallel;
 pub mod progress;
 pub mod rng;
 pub mod scratch;

@@ -3,6 +3,8 @@
 use clap::Args;
 use clap::builder::RangedU64ValueParser;
 
+use crate::parallel;
+
 /// Options of every command.
 #[derive(Args, Clone, Copy, Debug)]
 #[command(next_help_heading = "Global options")]
@@ -40,5 +42,5 @@ pub(super) fn thread_count() -> RangedU64ValueParser<usize> {
 
 /// Cores of this machine.
 pub(super) fn cores() -> usize {
-    std::thread::available_parallelism().map_or(1, usize::from)
+    parallel::cores()
 }

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use super::error::Error;
 use super::manifest::{Episode, Manifest, Part};
 use super::shard::{Shard, checked};
-use robert_base::fsio;
+use robert_base::{fsio, parallel};
 use robert_robot::Robot;
 
 /// The checks that are made before a dataset is used.
@@ -208,35 +208,19 @@ fn inspect(manifest: &Manifest, path: &Path, verify: Verify) -> (Vec<Shard>, Vec
     let dir = path.parent().unwrap_or(Path::new("."));
     let count = manifest.shards.len();
     // Counting the cores reads files of the system, which takes longer than to open one shard.
-    let cores = || std::thread::available_parallelism().map_or(1, usize::from);
-    let workers = if count > 1 { cores().min(count) } else { 1 };
-    let next = std::sync::atomic::AtomicUsize::new(0);
-    let mut results: Vec<(usize, Result<Shard, Problem>)> =
-        std::thread::scope(|scope| {
-            let work =
-                || {
-                    let mut mine = Vec::new();
-                    loop {
-                        let i = next.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
-                        let Some(entry) = manifest.shards.get(i) else { return mine };
-                        let file = dir.join(&entry.file);
-                        let found = open_one(manifest, i, &file, verify).map_err(|message| {
-                            Problem { shard: i, index: entry.index, path: file, message }
-                        });
-                        mine.push((i, found));
-                    }
-                };
-            let handles: Vec<_> = (1..workers).map(|_| scope.spawn(work)).collect();
-            let mut all = work();
-            for handle in handles {
-                let part = handle.join();
-                all.extend(part.unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
-            }
-            all
-        });
-    results.sort_by_key(|(i, _)| *i);
+    let workers = if count > 1 { parallel::cores() } else { 1 };
+    let mut results = parallel::each(workers, count, |i| {
+        let entry = &manifest.shards[i];
+        let path = dir.join(&entry.file);
+        open_one(manifest, i, &path, verify).map_err(|message| Problem {
+            shard: i,
+            index: entry.index,
+            path,
+            message,
+        })
+    });
     for (k, e) in manifest.episodes.iter().enumerate() {
-        let Some((_, result)) = results.get_mut(e.shard) else { continue };
+        let Some(result) = results.get_mut(e.shard) else { continue };
         let Some(entry) = manifest.shards.get(e.shard) else { continue };
         if result.as_ref().is_ok_and(|shard| !shard.holds(e)) {
             let message = format!(
@@ -249,7 +233,7 @@ fn inspect(manifest: &Manifest, path: &Path, verify: Verify) -> (Vec<Shard>, Vec
     }
     let mut shards = Vec::with_capacity(count);
     let mut problems = Vec::new();
-    for (_, result) in results {
+    for result in results {
         match result {
             Ok(shard) => shards.push(shard),
             Err(problem) => problems.push(problem),

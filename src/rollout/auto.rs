@@ -22,6 +22,7 @@ use super::registry::{Guide, Inference, PolicyConfig, PolicyName};
 use super::run::{Rollout, RolloutConfig, Start};
 use super::shipped;
 use super::window::Goals;
+use robert_base::parallel;
 use robert_base::progress::{Cancel, Progress};
 use robert_clip::Command;
 use robert_net::Model;
@@ -166,7 +167,7 @@ impl Contenders {
         progress: &dyn Progress,
         cancel: &Cancel,
     ) -> Result<Chosen, Error> {
-        let (next, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
+        let done = AtomicUsize::new(0);
         let goals = Goals::new(command);
         let differ = differing(&self.policies().collect::<Vec<_>>(), &goals);
         let learns = self.learns && goals.frames() <= ilc::LONGEST;
@@ -181,26 +182,11 @@ impl Contenders {
             let n = (done.fetch_add(1, Ordering::Relaxed) + 1).min(frames);
             progress.tick(n as u64, frames as u64, label);
         };
-        let work = || {
-            let mut mine = Vec::new();
-            loop {
-                let turn = next.fetch_add(1, Ordering::Relaxed);
-                let Some(&at) = differ.get(turn) else { return mine };
-                let label = self.list[at].0.label();
-                mine.push((at, self.one(at, command, start, seed, &|| tick(&label), cancel)));
-            }
-        };
-        let mut all: Vec<_> = std::thread::scope(|scope| {
-            let helpers: Vec<_> =
-                (1..threads.min(differ.len())).map(|_| scope.spawn(work)).collect();
-            let mut all = work();
-            for helper in helpers {
-                let part = helper.join();
-                all.extend(part.unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
-            }
-            all
+        let all = parallel::each(threads, differ.len(), |turn| {
+            let at = differ[turn];
+            let label = self.list[at].0.label();
+            (at, self.one(at, command, start, seed, &|| tick(&label), cancel))
         });
-        all.sort_by_key(|(at, _)| *at);
         if cancel.is_cancelled() {
             return Err(Error::Cancelled { frame: 0 });
         }

@@ -211,7 +211,7 @@ impl LiveRollout {
             let first = own.rollout.as_ref()?;
             Repeats::new((at, &own.policy), first, [fresh()?, fresh()?]).ok()?
         };
-        let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        let threads = robert_base::parallel::cores();
         Learner::new(leaders(&trials).filter_map(racer).collect(), self.planner.clone(), threads)
     }
 

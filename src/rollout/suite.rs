@@ -15,6 +15,7 @@ use super::precision::{Precision, hidden_error};
 use super::registry::{PolicyConfig, labels};
 use super::run::{Rollout, RolloutConfig, Start};
 use super::stats::{Interval, mean_ci95};
+use robert_base::parallel;
 use robert_base::progress::{Cancel, Progress, Silent};
 use robert_clip::Command;
 use robert_net::forward::Forwards;
@@ -410,14 +411,7 @@ fn some(
             progress.tick(n, total, &format!("{} {}", labels[job.policy], case.name));
         }
     };
-    let finished: Vec<_> = std::thread::scope(|scope| {
-        let threads = config.threads.clamp(1, part.len());
-        let handles: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
-        handles
-            .into_iter()
-            .map(|h| h.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
-            .collect()
-    });
+    let finished = parallel::on_threads(config.threads.min(part.len()), work);
     let mut outcomes = Vec::with_capacity(part.len());
     let mut error: Option<Error> = None;
     for part in finished {

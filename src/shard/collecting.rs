@@ -106,7 +106,7 @@ pub(super) fn record(
     let text = json::line(spec);
     let hash = fsio::sha256_hex(format!("{} {text}", fingerprint(robot)?).as_bytes());
     let dir = out.join("data").join(format!("recorded-{}", hash.get(..12).unwrap_or_default()));
-    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let threads = robert_base::parallel::cores();
     collect(robot, &config, &dir, true, threads, progress, &Cancel::default())?;
     Ok(dir)
 }

@@ -8,7 +8,7 @@ use robert_base::json;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use robert_base::fsio;
+use robert_base::{fsio, parallel};
 use serde::Serialize;
 
 use super::error::write_error;
@@ -151,16 +151,5 @@ fn entries(dir: &Path, paths: &[String]) -> Result<Vec<FileEntry>, Error> {
         let bytes = fs::metadata(&file).map_err(write_error(&file))?.len();
         Ok(FileEntry { bytes, sha256: fsio::sha256_file(&file)?, path: path.clone() })
     };
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    std::thread::scope(|scope| {
-        let parts = paths.chunks(paths.len().div_ceil(cores).max(1));
-        let handles: Vec<_> = parts
-            .map(|part| scope.spawn(move || part.iter().map(entry).collect::<Result<Vec<_>, _>>()))
-            .collect();
-        let mut all = Vec::with_capacity(paths.len());
-        for handle in handles {
-            all.extend(handle.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))?);
-        }
-        Ok(all)
-    })
+    parallel::each(parallel::cores(), paths.len(), |i| entry(&paths[i])).into_iter().collect()
 }

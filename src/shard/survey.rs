@@ -1,7 +1,8 @@
 //! The state of each shard, judged by its files alone.
 
 use std::path::Path;
-use std::sync::atomic::{AtomicUsize, Ordering};
+
+use robert_base::parallel;
 
 use super::{Accept, Manifest, Plan, folder};
 
@@ -33,24 +34,12 @@ pub fn survey(dir: &Path, plan: &Plan, accept: Accept) -> Survey {
 /// The survey, and the manifests of all whole shards by index.
 pub(super) fn inspect(dir: &Path, plan: &Plan, accept: Accept) -> (Survey, Vec<Option<Manifest>>) {
     let common = plan.common();
-    let next = AtomicUsize::new(0);
-    let work = || {
-        let mut mine = Vec::new();
-        loop {
-            let index = next.fetch_add(1, Ordering::Relaxed);
-            let Some(cell) = plan.cells.get(index) else { return mine };
-            let place = plan.parent_of(dir, index).join(Plan::name_of(&common, index, cell));
-            mine.push((index, state(&place, plan, index, accept)));
-        }
-    };
-    let threads = std::thread::available_parallelism().map_or(1, usize::from).min(16);
-    let mut found: Vec<(usize, (State, Option<Manifest>))> = std::thread::scope(|scope| {
-        let handles: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
-        let each = handles.into_iter().map(std::thread::ScopedJoinHandle::join);
-        each.flat_map(|r| r.unwrap_or_else(|panic| std::panic::resume_unwind(panic))).collect()
+    let threads = parallel::cores().min(16);
+    let found = parallel::each(threads, plan.cells.len(), |index| {
+        let name = Plan::name_of(&common, index, &plan.cells[index]);
+        state(&plan.parent_of(dir, index).join(name), plan, index, accept)
     });
-    found.sort_by_key(|(index, _)| *index);
-    let (states, manifests) = found.into_iter().map(|(_, each)| each).unzip();
+    let (states, manifests) = found.into_iter().unzip();
     (Survey { states }, manifests)
 }
 

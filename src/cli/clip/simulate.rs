@@ -8,6 +8,7 @@ use super::super::bar::Bar;
 use super::super::failure::{Failure, Outcome};
 use crate::clip::{Clip, Command, JointTable, Lint, PoseChecker, PoseReport, lint};
 use crate::exit::Exit;
+use crate::parallel;
 use crate::progress::{Cancel, Progress as _};
 use crate::robot::Robot;
 use crate::rollout::Settler;
@@ -115,15 +116,7 @@ impl<'a> Simulation<'a> {
                 self.bar.tick(done + n, total, "");
             }
         };
-        let threads = self.threads.clamp(1, poses.len().max(1));
-        let parts: Vec<Outcome<_>> = std::thread::scope(|scope| {
-            let handles: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
-            handles
-                .into_iter()
-                .map(|h| h.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
-                .collect()
-        });
-        for part in parts {
+        for part in parallel::on_threads(self.threads.min(poses.len()), work) {
             for (at, report) in part? {
                 self.known.insert(poses[at].0.clone(), report);
             }
