@@ -923,6 +923,15 @@ fn a_platform_that_closes_a_loop_gets_six_joints() {
     let [a, b] = [ends(&models[0]), ends(&models[1])];
     assert!(a.iter().zip(&b).all(|(x, y)| (x - y).abs() < 1e-9), "{a:?} {b:?}");
 
+    // What closes no loop is refused as before, and what was asked for is done.
+    let off = bodies.replace("<connect", "<connect active=\"false\"");
+    let ran =
+        robert().file("m.xml", &platform(&off, "-.2")).args(["import", "m.xml", "--out", "bot"]);
+    assert!(ran.fails(3).stderr.contains("--without plate"));
+    let fixed = ["import", "m.xml", "--out", "bot", "--fixed-base"];
+    let ran = robert().file("m.xml", &platform(bodies, "-.2")).args(fixed).succeeds();
+    assert_eq!(Robot::from_folder(&ran.path("bot")).unwrap().joints().len(), 2);
+
     let ran = robert().file("m.xml", &platform(sites, "-.25"));
     let ran = ran.args(["import", "m.xml", "--out", "bot"]).fails(3);
     assert!(
@@ -951,6 +960,11 @@ fn balls_become_hinges_and_a_base_that_floats_is_one() {
     assert_eq!(names, ["knee", "eye_roll", "eye_pitch", "eye_yaw"]);
     assert_eq!(robot.model().dof_damping()[1..], [0.02; 3]);
     assert!(ran.stdout.contains("three hinges each: eye"), "{}", ran.stdout);
+
+    let weld = ["import", "m.xml", "--out", "bot", "--weld", "eye"];
+    let ran = robert().file("m.xml", &model("")).args(weld).succeeds();
+    assert_eq!(Robot::from_folder(&ran.path("bot")).unwrap().joints().len(), 1);
+    assert!(!ran.stdout.contains("three hinges"), "{}", ran.stdout);
 
     let floating = r#"<joint type="slide" axis="1 0 0"/>
 <joint type="slide" axis="0 1 0"/>

@@ -484,7 +484,7 @@ fn an_option_that_a_backend_does_not_have_is_refused() {
     let dir = dir.path();
     plan(dir, EVAL, "w");
     for (backend, options) in [
-        ("kubernetes", "--jobs=2 --time=1:00 --warn=60 --merge=out --max-array=9 --dry-run --json"),
+        ("kubernetes", "--jobs=2 --time=1:00 --warn=60 --merge=out --max-array=9 --json"),
         ("local", "--pack=2 --limit=2 --mem=1G --time=1:00 --image=a --claim=b --dry-run"),
         ("slurm", "--jobs=2 --image=a --claim=b"),
     ] {

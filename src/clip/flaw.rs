@@ -197,7 +197,14 @@ pub enum Flaw {
 }
 
 /// Names that a message lists at most.
-pub(crate) const LISTED: usize = 12;
+const LISTED: usize = 12;
+
+/// The first names of a list, in words.
+pub(crate) fn some<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
+    let mut names = names.into_iter();
+    let first = names.by_ref().take(LISTED).collect::<Vec<_>>().join(", ");
+    if names.next().is_some() { first + ", …" } else { first }
+}
 
 /// `; did you mean "x"?` when something close exists.
 pub(crate) fn hint<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> String {

@@ -15,7 +15,7 @@ use std::cell::Cell;
 use robert_kinematics::{IkConfig, IkResult, Kinematics, Target};
 
 use super::document::{Clip, Key, Row, Start};
-use super::flaw::{Flaw, Invalid, LISTED, hint};
+use super::flaw::{Flaw, Invalid, hint, some};
 use super::grid::round;
 use super::joints::JointTable;
 use super::path::Path;
@@ -75,9 +75,7 @@ fn check_points(clip: &Clip, tree: &Kinematics) -> Result<(), Invalid> {
             let kind = unknown.kind;
             let mut hint = hint(&unknown.name, names.iter().copied());
             if hint.is_empty() && !names.is_empty() {
-                let more = if names.len() > LISTED { ", …" } else { "" };
-                let some = names.iter().take(LISTED).copied().collect::<Vec<_>>().join(", ");
-                hint = format!("; it has {some}{more}");
+                hint = format!("; it has {}", some(names));
             }
             let flaw = Flaw::UnknownPoint { kind, name: unknown.name, hint };
             return Err(Invalid { pointer: format!("/keys/{i}/reach/{n}/{kind}"), flaw });

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::document::{Clip, Goal, Row, Start};
-use super::flaw::{Flaw, Invalid, LISTED, hint};
+use super::flaw::{Flaw, Invalid, hint, some};
 use super::json::escape_step;
 use super::path::Path;
 use super::reach::Reach;
@@ -105,8 +105,7 @@ impl Clip {
         }
         let mut hint = hint(name, self.poses.keys().map(String::as_str));
         if hint.is_empty() {
-            let own: Vec<&str> = self.poses.keys().take(LISTED).map(String::as_str).collect();
-            hint = match own.join(", ") {
+            hint = match some(self.poses.keys().map(String::as_str)) {
                 none if none.is_empty() => {
                     "; the clip has none: a pose of the robot must be copied into its poses".into()
                 }

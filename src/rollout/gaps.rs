@@ -28,6 +28,7 @@ use super::jam;
 use super::run::Rollout;
 use super::spline;
 use super::window::{Goals, HISTORY};
+use robert_robot::{Coupling, Drive, Robot};
 
 /// Shortest straight line for which path and jerk are measured, rad or m.
 pub(super) const MOVES: f64 = 0.1;
@@ -281,27 +282,64 @@ pub(super) fn cubic_error(goals: &Goals, history: &[f64], truth: &[f64]) -> Opti
     (n > 0).then(|| sum / n as f64)
 }
 
-/// Penalty of the motion inside gaps and of a missed frame, rad or m; see [`penalty`].
+/// Penalty of the motion inside gaps, of a missed frame and of a free joint that wanders, rad or m; see
+/// [`penalty`]. A free joint may move, but not for a small gain of others.
 pub(super) fn unnatural(rollout: &Rollout) -> f64 {
-    penalty(rollout.goals(), rollout.states())
+    let (goals, states) = (rollout.goals(), rollout.states());
+    let way = farthest(&free(rollout.robot(), goals), goals.dim(), states);
+    penalty(goals, states) + SWING_WEIGHT * (way - FREE).max(0.0)
+}
+
+/// The joints without goals that only their motor moves: no other joint of a tendon or of a pair of
+/// leader and follower has a goal, either.
+fn free(robot: &Robot, goals: &Goals) -> Vec<usize> {
+    let open = |j: usize| (1..goals.frames()).all(|f| !goals.is_visible(f, j));
+    let place = |name: &String| robot.joint_index(name).ok();
+    let tied: Vec<Vec<usize>> = robot
+        .profile()
+        .couplings
+        .iter()
+        .map(|coupling| match coupling {
+            Coupling::Tendon { joints, .. } => joints.iter().filter_map(place).collect(),
+            Coupling::Mimic { follower, leader, .. } => {
+                [leader, follower].into_iter().filter_map(place).collect()
+            }
+        })
+        .collect();
+    let moved = robot.actuators().iter().flat_map(|a| match &a.drive {
+        Drive::Joint(name) => place(name).into_iter().collect(),
+        Drive::Tendon(name) => robot
+            .tendon_joints(name)
+            .into_iter()
+            .filter_map(|j| robot.joint_index(j).ok())
+            .collect(),
+        Drive::Other(_) => Vec::new(),
+    });
+    let alone = |j: &usize| tied.iter().filter(|t| t.contains(j)).flatten().all(|&k| open(k));
+    moved.filter(|j| open(*j) && alone(j)).collect()
+}
+
+/// The distance that one of these joints goes at most from its start, rad or m.
+fn farthest(joints: &[usize], dim: usize, states: &[f64]) -> f64 {
+    let reached = &states[HISTORY * dim..];
+    let way = |row: &[f64]| joints.iter().map(|&j| (row[j] - reached[j]).abs()).fold(0.0, f64::max);
+    reached.chunks_exact(dim).map(way).fold(0.0, f64::max)
 }
 
 /// Penalty of a motion, rad or m: for overshoot, long paths and jerk in gaps, for the frame that is
-/// missed most, and for a free joint that wanders; `states` is (30 + frames, S), up to any frame. In the
-/// mean over frames a key of one frame hardly counts, but a person sees that it is missed, as well as an
-/// overshoot by as much. A joint without goals may move, but not for a small gain of others.
+/// missed most; `states` is (30 + frames, S), up to any frame. In the mean over frames a key of one frame
+/// hardly counts, but a person sees that it is missed, as well as an overshoot by as much.
 pub(super) fn penalty(goals: &Goals, states: &[f64]) -> f64 {
     let gap = GapFigures::measure(goals, states, &names(goals)).unwrap_or_default();
     let swing = gap.overshoot.map_or(0.0, |o| o.value);
     let detour = gap.path.map_or(0.0, |p| (p - LONGEST_PATH).max(0.0));
     let jolts = gap.jerk.map_or(0.0, |j| (j - MOST_JERK).max(0.0));
-    let missed = (farthest(goals, states) - jam::FAR).max(0.0);
-    let wandered = (farthest_free(goals, states) - FREE).max(0.0);
-    SWING_WEIGHT * (swing + missed + wandered) + PATH_WEIGHT * detour + JERK_WEIGHT * jolts
+    let missed = (worst_frame(goals, states) - jam::FAR).max(0.0);
+    SWING_WEIGHT * (swing + missed) + PATH_WEIGHT * detour + JERK_WEIGHT * jolts
 }
 
 /// The error of the frame that is farthest from its goals, in the mean over its joints, rad or m.
-fn farthest(goals: &Goals, states: &[f64]) -> f64 {
+fn worst_frame(goals: &Goals, states: &[f64]) -> f64 {
     let d = goals.dim();
     let reached = &states[HISTORY * d..];
     let error = |f: usize| {
@@ -310,16 +348,6 @@ fn farthest(goals: &Goals, states: &[f64]) -> f64 {
         sum / seen().count().max(1) as f64
     };
     (1..goals.frames().min(reached.len() / d)).map(error).fold(0.0, f64::max)
-}
-
-/// The distance that a joint without goals goes at most from its start, rad or m.
-fn farthest_free(goals: &Goals, states: &[f64]) -> f64 {
-    let d = goals.dim();
-    let reached = &states[HISTORY * d..];
-    let frames = goals.frames().min(reached.len() / d);
-    let free = (0..d).filter(|&j| (1..goals.frames()).all(|f| !goals.is_visible(f, j)));
-    let way = |j: usize| (1..frames).map(move |f| (reached[f * d + j] - reached[j]).abs());
-    free.flat_map(way).fold(0.0, f64::max)
 }
 
 /// The part of a penalty that counts beside the distance to the goals.
@@ -424,7 +452,7 @@ mod tests {
             all[(HISTORY + f) * 3] = if f == 20 { 0.6 } else { way };
             all[(HISTORY + f) * 3 + 2] = 2.0;
         }
-        assert!((farthest(&goals, &all) - 0.2).abs() < 1e-9);
+        assert!((worst_frame(&goals, &all) - 0.2).abs() < 1e-9);
         let gaps = GapFigures::measure(&goals, &all, &names(&goals)).unwrap();
         let detour = gaps.path.map_or(0.0, |p| (p - LONGEST_PATH).max(0.0));
         let jolts = gaps.jerk.map_or(0.0, |j| (j - MOST_JERK).max(0.0));
@@ -433,20 +461,29 @@ mod tests {
         let missed = SWING_WEIGHT * (0.2 - jam::FAR);
         assert!((penalty(&goals, &all) - other - missed).abs() < 1e-12);
         // Before the key nothing is missed.
-        assert!(farthest(&goals, &all[..(HISTORY + 20) * 3]) < 1e-9);
+        assert!(worst_frame(&goals, &all[..(HISTORY + 20) * 3]) < 1e-9);
     }
 
     #[test]
-    fn a_free_joint_may_not_wander_for_nothing() {
-        let seen = &[Some(0.0), None][..];
-        let goals = goals(2, 40, &[(0, &[Some(0.0); 2]), (1, seen), (39, seen)]);
-        let penalty = |far: f64| {
-            let mut all = vec![0.0; (HISTORY + 40) * 2];
-            all[(HISTORY + 20) * 2 + 1] = far;
-            super::penalty(&goals, &all)
-        };
-        assert!(penalty(0.09).abs() < 1e-12);
-        assert!((penalty(-0.5) - SWING_WEIGHT * (0.5 - FREE)).abs() < 1e-12);
+    fn a_joint_is_free_if_nothing_that_is_commanded_moves_it() {
+        let robot = Robot::builtin("shadow_hand").unwrap();
+        let at = |name: &str| robot.joint_index(name).unwrap();
+        // Of the index finger's tendon one joint has a goal.
+        let mut seen = vec![None; 22];
+        seen[at("FFJ2")] = Some(0.5);
+        let goals = goals(22, 40, &[(0, &vec![Some(0.0); 22]), (20, &seen)]);
+        let free = free(&robot, &goals);
+        assert!(!free.contains(&at("FFJ2")) && !free.contains(&at("FFJ1")), "{free:?}");
+        assert!(free.contains(&at("FFJ3")) && free.contains(&at("MFJ1")), "{free:?}");
+        assert_eq!(free.len(), 20);
+    }
+
+    #[test]
+    fn the_way_of_a_free_joint_is_measured_from_its_start() {
+        let mut all = vec![0.0; (HISTORY + 40) * 2];
+        all[..HISTORY * 2].fill(9.0);
+        all[(HISTORY + 20) * 2 + 1] = -0.5;
+        assert_eq!((farthest(&[1], 2, &all), farthest(&[0], 2, &all)), (0.5, 0.0));
     }
 
     #[test]

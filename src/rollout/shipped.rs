@@ -135,6 +135,9 @@ pub fn sha256(robot: &Robot, name: &str) -> Result<Option<String>, Error> {
     if let Some(own) = robot.folder().map(|dir| path_in(dir, name)).filter(|p| p.is_file()) {
         return Ok(Some(fsio::sha256_file(&own).map_err(robert_net::Error::from)?));
     }
+    if get(robot, name)?.is_none() {
+        return Ok(None);
+    }
     let file = Files::get(&format!("{}/{name}.safetensors", robot.id()));
     Ok(file.map(|f| fsio::sha256_hex(&f.data)))
 }

@@ -116,7 +116,7 @@ impl Args {
             ("--max-array", self.max_array.is_some(), &[Slurm]),
             ("--image and --claim", self.image.is_some() || self.claim.is_some(), &[Kubernetes]),
             ("--dry-run", self.dry_run, &[Slurm, Kubernetes]),
-            ("--json", self.json, &[Local, Slurm]),
+            ("--json (and --jsonl)", self.json, &[Local, Slurm]),
             ("an option of sbatch", !self.sbatch.is_empty(), &[Slurm]),
         ];
         let Some((flag, _, those)) =

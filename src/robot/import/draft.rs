@@ -40,6 +40,8 @@ pub(super) struct Draft {
     pub(super) unknown: BTreeSet<String>,
     /// Attributes that were removed and are applied after the model is compiled.
     pub(super) words: Words,
+    /// Joints that took the place of free and ball joints, which no motor drives.
+    pub(super) split: BTreeSet<String>,
     /// Sites that were tied, which must be at one place in the default pose.
     pub(super) ties: Vec<Tie>,
     pub(super) dropped: Vec<String>,

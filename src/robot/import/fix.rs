@@ -118,7 +118,7 @@ pub(super) fn actuators(
     if model.nu() == 0 {
         for j in 0..model.jnt_type().len() {
             let Some(name) = model.name(Kind::Joint, j) else { continue };
-            if follows(model, j) {
+            if follows(model, j) || draft.split.contains(name) {
                 continue;
             }
             motors.push(Motor {

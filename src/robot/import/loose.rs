@@ -141,10 +141,17 @@ pub(super) fn floating<'a, 'd>(doc: &'a Document<'d>) -> Vec<Node<'a, 'd>> {
     let free = |n: &Node<'_, '_>| {
         let says = n.has_tag_name("freejoint")
             || (n.has_tag_name("joint") && n.attribute("type") == Some("free"))
-            || (is_ball(n) && slides_beside(*n).len() == 3);
+            || is_base(*n);
         says && n.parent().is_some_and(|p| p.has_tag_name("body"))
     };
     doc.descendants().filter(free).collect()
+}
+
+/// Whether this ball joint and three slides beside it let a body float that no joint carries.
+pub(super) fn is_base(ball: Node<'_, '_>) -> bool {
+    let joint = |n: Node<'_, '_>| n.has_tag_name("joint");
+    let above = ball.ancestors().skip(2).any(|body| body.children().any(joint));
+    is_ball(&ball) && slides_beside(ball).len() == 3 && !above
 }
 
 /// Whether this is a ball joint of a body that nothing else refers to.
@@ -167,12 +174,15 @@ fn referred(joint: Node<'_, '_>) -> bool {
     let Some(name) = joint.attribute("name") else { return false };
     let joints = REFERENCES.iter().find(|(kind, _)| *kind == "joint").map_or(&[][..], |r| r.1);
     let names = |n: Node<'_, '_>| joints.iter().any(|a| n.attribute(*a) == Some(name));
-    joint.document().descendants().filter(is_entry).any(|entry| entry.descendants().any(names))
+    let sensor = |n: &Node<'_, '_>| n.parent().is_some_and(|p| p.has_tag_name("sensor"));
+    let entries = joint.document().descendants().filter(|n| is_entry(n) && !sensor(n));
+    entries.into_iter().any(|entry| entry.descendants().any(names))
 }
 
 /// Whether an equality constraint ties the body of this free joint, or one that it carries, to
-/// another part of the model, as a platform is tied to its legs. Held still or left out, the loop
-/// would be lost.
+/// another moving part of the model, as a platform is tied to its legs. Held still or left out, the
+/// loop would be lost. Constraints that are switched off, and those to the world or to a mocap body,
+/// which are removed, close none.
 pub(super) fn closes_a_loop(doc: &Document<'_>, joint: Node<'_, '_>) -> bool {
     let Some(body) = joint.parent() else { return false };
     let carried: BTreeSet<&str> = body
@@ -181,9 +191,26 @@ pub(super) fn closes_a_loop(doc: &Document<'_>, joint: Node<'_, '_>) -> bool {
         .filter_map(|n| n.attribute("name"))
         .collect();
     doc.descendants().filter(is_entry).any(|entry| {
-        let ends = ["body1", "body2"].map(|end| entry.attribute(end).unwrap_or("world"));
+        let ends = ["body1", "body2"].map(|end| entry.attribute(end).filter(|b| *b != "world"));
+        let [Some(a), Some(b)] = ends else { return false };
         let loops = entry.has_tag_name("connect") || entry.has_tag_name("weld");
-        loops && carried.contains(ends[0]) != carried.contains(ends[1])
+        loops && is_active(entry) && carried.contains(a) != carried.contains(b)
+    })
+}
+
+/// Whether a constraint between bodies has an effect here.
+fn is_active(entry: Node<'_, '_>) -> bool {
+    let ends = ["body1", "body2"].into_iter().filter_map(|end| entry.attribute(end));
+    entry.attribute("active") != Some("false")
+        && !ends.into_iter().any(|b| is_led(entry.document(), b))
+}
+
+/// Whether this is the name of a mocap body, which nothing moves here.
+pub(super) fn is_led(doc: &Document<'_>, body: &str) -> bool {
+    doc.descendants().any(|n| {
+        n.has_tag_name("body")
+            && n.attribute("mocap") == Some("true")
+            && n.attribute("name") == Some(body)
     })
 }
 
@@ -193,9 +220,11 @@ pub(super) fn ways_out(floating: &[Node<'_, '_>]) -> String {
     let body =
         |n: &Node<'_, '_>| n.parent().and_then(|p| p.attribute("name")).unwrap_or("?").to_owned();
     let jointed = |n: &&Node<'_, '_>| {
-        n.parent().is_some_and(|b| {
-            b.descendants().any(|d| d.has_tag_name("joint") && d.attribute("type") != Some("free"))
-        })
+        let own = |d: &Node<'_, '_>| d.parent() == n.parent() && is_base(**n);
+        let joint = |d: Node<'_, '_>| {
+            d.has_tag_name("joint") && d.attribute("type") != Some("free") && !own(&d)
+        };
+        n.parent().is_some_and(|b| b.descendants().any(joint))
     };
     let loose: Vec<String> =
         floating.iter().filter(|n| !jointed(n)).map(|n| format!("--without {}", body(n))).collect();

@@ -139,7 +139,7 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
     mocap(&doc, &mut draft, &mut edits);
     files(&doc, project, &mut draft, &mut edits)?;
     let loosened = free_base(&doc, path, config, &mut draft, &mut edits)?;
-    let split = split::balls(&doc, &mut draft, &mut edits);
+    let split = split::balls(&doc, &config.weld, &mut draft, &mut edits);
     weld(&doc, path, config, &mut draft, &mut edits)?;
     if loosened || split || !config.weld.is_empty() {
         for key in doc.root_element().children().filter(|n| n.has_tag_name("keyframe")) {
@@ -347,8 +347,9 @@ fn free_base(
     draft: &mut Draft,
     edits: &mut Edits,
 ) -> Result<bool, Error> {
-    let (tied, loose): (Vec<_>, Vec<_>) =
-        loose::floating(doc).into_iter().partition(|joint| loose::closes_a_loop(doc, *joint));
+    let (tied, loose): (Vec<_>, Vec<_>) = loose::floating(doc)
+        .into_iter()
+        .partition(|joint| !config.fixed_base && loose::closes_a_loop(doc, *joint));
     if let Some(first) = loose.first()
         && !config.fixed_base
     {
@@ -358,17 +359,17 @@ fn free_base(
     let body = |joint: &Node<'_, '_>| {
         joint.parent().and_then(|p| p.attribute("name")).unwrap_or("a body").to_owned()
     };
+    for joint in tied.iter().chain(&loose).filter(|joint| loose::is_ball(joint)) {
+        loose::slides_beside(*joint).iter().for_each(|s| edits.replace(s.range(), ""));
+    }
     for joint in loose {
         edits.replace(joint.range(), "");
-        if loose::is_ball(&joint) {
-            loose::slides_beside(joint).iter().for_each(|s| edits.replace(s.range(), ""));
-        }
         draft.changed.push(format!("\"{}\" no longer floats: held where it is", body(&joint)));
     }
     for joint in tied {
-        edits.replace(joint.range(), split::six_joints(joint.attribute("name").unwrap_or("free")));
+        edits.replace(joint.range(), split::six_joints(doc, joint, draft));
         draft.changed.push(format!(
-            "\"{}\" floats and closes a loop: its free joint is now three slides and three hinges",
+            "\"{}\" floats and closes a loop: it now has three slides and three hinges",
             body(&joint)
         ));
     }

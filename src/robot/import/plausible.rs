@@ -48,23 +48,22 @@ pub(super) fn check(draft: &mut Draft, model: &Arc<Model>) -> Result<(), Error> 
     let mut limits: Vec<f64> =
         (0..loads.len()).filter_map(|j| torque_limit(model, j)).filter(|l| l.is_finite()).collect();
     limits.sort_by(f64::total_cmp);
-    let usual = limits.get(limits.len() / 2).copied().unwrap_or(f64::INFINITY);
+    let usual = limits.get(limits.len().saturating_sub(1) / 2).copied().unwrap_or(f64::INFINITY);
     let driven = limits.len();
     let (mut weak, mut absurd, mut rubbing) = (Vec::new(), Vec::new(), Vec::new());
     for (j, load) in loads.iter().enumerate() {
         let Some(limit) = torque_limit(model, j) else { continue };
-        let median = load.usual_weight();
+        let (median, own) = (load.usual_weight(), load.without_drive().effort());
         let most = most[usize::from(model.joint_type(j) == Some(Joint::Slide))];
         let friction = model.dof_frictionloss()[model.jnt_dofadr()[j] as usize];
         if friction > 0.0 && friction >= limit {
             rubbing.push(Unfit { joint: j, asked: friction, limit });
         } else if median > limit {
             weak.push(Unfit { joint: j, asked: median, limit });
-        } else if limit > USUAL
-            && (limit > ABSURD * most
-                || limit > OTHERS * usual && limit > ABSURD_ALONE * load.without_drive().effort())
-        {
+        } else if limit > (ABSURD * most).max(USUAL) {
             absurd.push(Unfit { joint: j, asked: most, limit });
+        } else if limit > (ABSURD_ALONE * own).max(OTHERS * usual).max(USUAL) {
+            absurd.push(Unfit { joint: j, asked: own, limit });
         }
     }
     let mass = model.moving_mass();

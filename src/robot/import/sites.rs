@@ -11,6 +11,7 @@ use std::sync::Arc;
 use roxmltree::{Document, Node};
 
 use super::draft::{Draft, Tie};
+use super::loose::{blank, is_led};
 use crate::text::{Edits, escape};
 use crate::{Error, preparse};
 use robert_mujoco::{Data, Kind, Model};
@@ -24,7 +25,7 @@ const APART: f64 = 1e-3;
 /// [`Error::Refused`] for a site that is missing, or whose place is not written as `pos`.
 pub(super) fn to_bodies(xml: &str, path: &Path, draft: &mut Draft) -> Result<String, Error> {
     let doc = preparse::parse(xml, path)?;
-    let mut edits = Edits::default();
+    let (mut edits, mut count) = (Edits::default(), 0);
     let entries = doc.descendants().filter(|n| n.has_tag_name("connect"));
     for node in entries.filter(|n| n.has_attribute("site1")) {
         let sites = ["site1", "site2"].map(|end| node.attribute(end).unwrap_or_default());
@@ -34,16 +35,20 @@ pub(super) fn to_bodies(xml: &str, path: &Path, draft: &mut Draft) -> Result<Str
         for a in node.attributes().filter(|a| !a.name().starts_with("site")) {
             write!(text, " {}=\"{}\"", a.name(), escape(a.value())).ok();
         }
-        let (body1, body2, at) = (escape(&body1), escape(&body2), escape(&at));
-        write!(text, " body1=\"{body1}\" body2=\"{body2}\" anchor=\"{at}\"/>").ok();
-        edits.replace(node.range(), text);
+        let ends = [&body1, &body2].map(|body| escape(body));
+        write!(text, " body1=\"{}\" body2=\"{}\" anchor=\"{}\"/>", ends[0], ends[1], escape(&at))
+            .ok();
+        edits.replace(node.range(), text + &blank(xml, node));
         let at = doc.text_pos_at(node.range().start);
-        draft.ties.push(Tie { sites: sites.map(str::to_owned), line: at.row, column: at.col });
+        let tie = Tie { sites: sites.map(str::to_owned), line: at.row, column: at.col };
+        let active = node.attribute("active") != Some("false");
+        draft.ties.extend(
+            Some(tie).filter(|_| active && ![body1, body2].iter().any(|b| is_led(&doc, b))),
+        );
+        count += 1;
     }
-    if !draft.ties.is_empty() {
-        draft
-            .changed
-            .push(format!("{} ties between sites are between their bodies", draft.ties.len()));
+    if count > 0 {
+        draft.changed.push(format!("{count} ties between sites are between their bodies"));
     }
     Ok(edits.apply(xml))
 }

@@ -5,44 +5,86 @@ use std::fmt::Write as _;
 use roxmltree::{Document, Node};
 
 use super::draft::Draft;
-use super::loose::{is_ball, slides_beside};
+use super::loose::{blank, is_ball, is_base};
 use crate::text::{Edits, escape};
 
 /// The axes of the hinges in place of a ball, and their names.
 const TURNS: [(&str, &str); 3] = [("roll", "1 0 0"), ("pitch", "0 1 0"), ("yaw", "0 0 1")];
 /// The axes of the slides in place of a free joint, and their names.
 const WAYS: [(&str, &str); 3] = [("x", "1 0 0"), ("y", "0 1 0"), ("z", "0 0 1")];
-/// What a ball has in common with a hinge.
-const COMMON: &[&str] =
-    &["class", "pos", "damping", "armature", "frictionloss", "stiffness", "group"];
+/// What these joints have in common with a hinge.
+const COMMON: &[&str] = &[
+    "class",
+    "pos",
+    "damping",
+    "armature",
+    "frictionloss",
+    "stiffness",
+    "group",
+    "springdamper",
+    "solreffriction",
+    "solimpfriction",
+];
 
-/// Three slides and three hinges along and about the axes of the body, in place of a free joint. A
-/// free joint takes nothing from default classes, so neither do they.
-pub(super) fn six_joints(name: &str) -> String {
-    let own = " damping=\"0\" armature=\"0\" frictionloss=\"0\" stiffness=\"0\"";
-    let slides = WAYS.map(|(part, axis)| joint(name, part, "slide", axis, own));
-    let hinges = TURNS.map(|(part, axis)| joint(name, part, "hinge", axis, own));
-    slides.concat() + &hinges.concat()
+/// Replaces a free joint by three slides and three hinges along and about the axes of the body.
+pub(super) fn six_joints(doc: &Document<'_>, free: Node<'_, '_>, draft: &mut Draft) -> String {
+    let own = match free.has_tag_name("freejoint") {
+        // It takes nothing from default classes.
+        true => " damping=\"0\" armature=\"0\" frictionloss=\"0\" stiffness=\"0\"".to_owned(),
+        false => own(free),
+    };
+    let parts: Vec<_> =
+        WAYS.map(|way| ("slide", way)).into_iter().chain(TURNS.map(|t| ("hinge", t))).collect();
+    parts_of(doc, free, &parts, &own, draft)
 }
 
-fn joint(name: &str, part: &str, kind: &str, axis: &str, own: &str) -> String {
-    let name = escape(name);
-    format!(
-        "<joint name=\"{name}_{part}\" type=\"{kind}\" axis=\"{axis}\" limited=\"false\"{own}/>"
-    )
+/// Joints for these (kind, (part, axis)), on the lines of the joint that they replace.
+fn parts_of(
+    doc: &Document<'_>,
+    joint: Node<'_, '_>,
+    parts: &[(&str, (&str, &str))],
+    own: &str,
+    draft: &mut Draft,
+) -> String {
+    let mut name = joint.attribute("name").unwrap_or("joint").to_owned();
+    let taken = |name: &str| {
+        let is = |part: &str| format!("{name}_{part}");
+        let names: Vec<String> = parts.iter().map(|(_, (part, _))| is(part)).collect();
+        doc.descendants().any(|n| n.attribute("name").is_some_and(|n| names.iter().any(|m| m == n)))
+    };
+    while taken(&name) {
+        name.push('_');
+    }
+    let mut text = String::new();
+    for (kind, (part, axis)) in parts {
+        let name = format!("{name}_{part}");
+        let shown = escape(&name);
+        write!(
+            text,
+            "<joint name=\"{shown}\" type=\"{kind}\" axis=\"{axis}\" limited=\"false\"{own}/>"
+        )
+        .ok();
+        draft.split.insert(name);
+    }
+    text + &blank(doc.input_text(), joint)
 }
 
-/// Replaces ball joints by three hinges each, except in the base of a robot that floats. Returns
-/// whether there was any.
-pub(super) fn balls(doc: &Document<'_>, draft: &mut Draft, edits: &mut Edits) -> bool {
+/// Replaces ball joints by three hinges each, except those that are welded and those in the base of a
+/// robot that floats. Returns whether there was any.
+pub(super) fn balls(
+    doc: &Document<'_>,
+    welded: &[String],
+    draft: &mut Draft,
+    edits: &mut Edits,
+) -> bool {
     let mut names = Vec::new();
-    for ball in doc.descendants().filter(|n| is_ball(n) && slides_beside(*n).len() != 3) {
+    for ball in doc.descendants().filter(|n| is_ball(n) && !is_base(*n)) {
         let name = ball.attribute("name").unwrap_or("ball");
-        let own = own(ball);
-        edits.replace(
-            ball.range(),
-            TURNS.map(|(p, axis)| joint(name, p, "hinge", axis, &own)).concat(),
-        );
+        if welded.iter().any(|w| w == name) {
+            continue;
+        }
+        let hinges = TURNS.map(|turn| ("hinge", turn));
+        edits.replace(ball.range(), parts_of(doc, ball, &hinges, &own(ball), draft));
         let stop = ball.has_attribute("range") && ball.attribute("limited") != Some("false");
         names.push(if stop { format!("{name} (its stop is left out)") } else { name.to_owned() });
     }
@@ -53,10 +95,11 @@ pub(super) fn balls(doc: &Document<'_>, draft: &mut Draft, edits: &mut Edits) ->
     !names.is_empty()
 }
 
-fn own(ball: Node<'_, '_>) -> String {
+/// The attributes that a hinge has as well.
+fn own(joint: Node<'_, '_>) -> String {
     let mut text = String::new();
     for name in COMMON {
-        if let Some(value) = ball.attribute(*name) {
+        if let Some(value) = joint.attribute(*name) {
             write!(text, " {name}=\"{}\"", escape(value)).ok();
         }
     }

@@ -130,7 +130,7 @@ impl Jobs {
             let id = inner.next + 1;
             let pid = self.clone().run(id, command)?;
             while inner.jobs.len() >= limits::JOBS {
-                let ended = inner.jobs.iter().find(|(_, j)| j.pid.is_none()).map(|(id, _)| *id);
+                let ended = inner.jobs.iter().find(|(_, j)| !j.runs()).map(|(id, _)| *id);
                 let Some(ended) = ended else { break };
                 inner.jobs.remove(&ended);
             }
@@ -175,7 +175,10 @@ impl Jobs {
             self.follow(id, out);
             let exit = child.wait().ok().and_then(|s| s.code());
             // The number may belong to another process from now on.
-            self.with(id, |job| job.pid = None);
+            self.with(id, |job| {
+                job.pid = None;
+                job.secs = job.begin.elapsed().as_secs_f64();
+            });
             // A client that learns of the end wants to read the reason, so the lines must be
             // complete; the pipe closes with the job.
             let until = Instant::now() + LOG_PATIENCE;
@@ -184,7 +187,6 @@ impl Jobs {
             }
             self.with(id, |job| {
                 job.exit = exit;
-                job.secs = job.begin.elapsed().as_secs_f64();
                 job.phase = match exit {
                     Some(0) => JobPhase::Done,
                     Some(130) => JobPhase::Interrupted,
@@ -272,7 +274,7 @@ impl Jobs {
         let (kind, args, extra) = {
             let inner = self.lock();
             let job = inner.jobs.get(&id).ok_or_else(|| missing(id))?;
-            if matches!(job.phase, JobPhase::Running | JobPhase::Cancelling) {
+            if job.runs() {
                 return Err(Error::request(format!("job {id} is still running")));
             }
             (job.kind, job.args.clone(), job.extra.clone())
@@ -303,6 +305,11 @@ impl Jobs {
 }
 
 impl Job {
+    /// Whether it runs, or what it said is still being read.
+    fn runs(&self) -> bool {
+        matches!(self.phase, JobPhase::Running | JobPhase::Cancelling)
+    }
+
     fn view(&self, id: u64, from: usize) -> JobView {
         let dropped = self.said.events - self.said.lines.len();
         let first = from.clamp(dropped, self.said.events);
