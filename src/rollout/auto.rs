@@ -14,11 +14,14 @@ use serde::{Deserialize, Serialize};
 
 use super::error::Error;
 use super::gaps::{counted, unnatural};
+use super::guide::Guide;
 use super::ilc::{self, Repeats};
 use super::ilqr::IlqrConfig;
+use super::inference::Inference;
 use super::learner::{Learner, RACERS, Stage};
 use super::policy::Policy;
-use super::registry::{Guide, Inference, PolicyConfig, PolicyName};
+use super::policy_config::PolicyConfig;
+use super::policy_name::PolicyName;
 use super::run::{Rollout, RolloutConfig, Start};
 use super::shipped;
 use super::window::Goals;

@@ -17,7 +17,7 @@ use serde_json::json;
 
 use super::error::Error;
 use super::jam::Off;
-use super::registry::PolicyConfig;
+use super::policy_config::PolicyConfig;
 use super::suite::{Case, EvalConfig, Floor, Suite, evaluate};
 use robert_base::fsio;
 use robert_base::progress::{Cancel, Progress};

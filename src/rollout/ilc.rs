@@ -10,7 +10,7 @@
 use super::error::Error;
 use super::gaps::unnatural;
 use super::judge::Judge;
-use super::registry::PolicyConfig;
+use super::policy_config::PolicyConfig;
 use super::run::Rollout;
 use super::window::Goals;
 

@@ -13,7 +13,7 @@ use super::ilc::Repeats;
 use super::jam::{self, Off};
 use super::judge::Judge;
 use super::planned::{self, Planned};
-use super::registry::PolicyConfig;
+use super::policy_config::PolicyConfig;
 use super::run::Rollout;
 
 /// The number of checks of a search.

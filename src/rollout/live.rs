@@ -10,7 +10,7 @@ use super::auto::{Trial, best, configs, differing, leaders, leads, learns, plann
 use super::error::Error;
 use super::ilc::Repeats;
 use super::learner::{Learner, Stage};
-use super::registry::PolicyConfig;
+use super::policy_config::PolicyConfig;
 use super::run::{Rollout, RolloutConfig, Start};
 use super::window::Goals;
 use robert_clip::Command;

@@ -4,7 +4,10 @@ use std::path::Path;
 use std::str::FromStr;
 
 use crate::error::Error;
-use crate::registry::{Guide, Inference, PolicyConfig, PolicyName};
+use crate::guide::Guide;
+use crate::inference::Inference;
+use crate::policy_config::PolicyConfig;
+use crate::policy_name::PolicyName;
 use crate::window::COMMAND;
 
 /// The number of windows that contain a frame: as the current frame, and as each command frame.

@@ -7,7 +7,7 @@
 
 use super::error::Error;
 use super::jam::{self, Off};
-use super::registry::PolicyConfig;
+use super::policy_config::PolicyConfig;
 use super::run::Rollout;
 use super::window::Goals;
 

@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use super::error::Error;
+use super::guide::Guide;
 use super::nominal_model::substeps;
 use super::policy::{Policy, View};
 use super::precision::Precision;
-use super::registry::Guide;
 use super::window::{COMMAND, Goals, HISTORY, Window};
 use robert_base::progress::Cancel;
 use robert_base::units::CTRL_DT;

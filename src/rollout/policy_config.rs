@@ -1,317 +1,30 @@
-//! Policies by name.
+//! A policy as it is named and built.
 
 use robert_base::json;
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 use std::sync::Arc;
 
 use super::adaptive_computed_torque::AdaptiveComputedTorque;
 use super::computed_torque::ComputedTorque;
 use super::error::Error;
 use super::fitted::FitKind;
+use super::guide::Guide;
 use super::ilqr::{Ilqr, IlqrConfig};
+use super::inference::Inference;
 use super::inverse::Inverse;
 use super::learned::{self, Learned, Linear};
 use super::nearest::Nearest;
 use super::pd::Pd;
 use super::policy::Policy;
+use super::policy_name::PolicyName;
 use super::random::Random;
 use super::refine::Refined;
 use super::sampling::{PredictiveSampling, SamplingConfig};
 use super::shipped;
 use super::zero::Zero;
 use robert_base::{fsio, limits};
-use robert_net::{Card, MaskGranularity, Model, SkipKind, Threads};
+use robert_net::Model;
 use robert_robot::Robot;
-
-/// All policies.
-#[derive(
-    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize,
-)]
-#[serde(rename_all = "kebab-case")]
-#[derive(schemars::JsonSchema)]
-pub enum PolicyName {
-    /// No torque.
-    Zero,
-    /// A new random action in every frame.
-    Random,
-    /// Proportional-derivative, gains from the mass matrix.
-    Pd,
-    /// Inverse dynamics of the true model.
-    ComputedTorque,
-    /// Inverse dynamics of a model whose mass, damping and motor strength are identified.
-    AdaptiveComputedTorque,
-    /// Receding-horizon iLQR on the true model.
-    Ilqr,
-    /// Predictive sampling on the true model.
-    PredictiveSampling,
-    /// A trained network.
-    Robert,
-    /// The linear prediction inside a model file.
-    Ridge,
-    /// The actions of the most similar recorded moments.
-    Nearest,
-    /// A small network of three frames.
-    MlpInverse,
-    /// The best of several on the given clip; see [`super::Contenders`].
-    Auto,
-}
-
-/// The name to type for each policy, its argument and a description, in the order of tables.
-const NAMES: [(PolicyName, &str, &str, &str); 12] = {
-    use PolicyName as P;
-    [
-        (
-            P::Auto,
-            "auto",
-            "[:MODEL]",
-            "the best of several policies, by simulation, with corrected goals",
-        ),
-        (P::Zero, "zero", "", "no torque"),
-        (P::Random, "random", "", "a new random action in every frame"),
-        (P::Pd, "pd", "", "proportional-derivative control, joint by joint"),
-        (P::ComputedTorque, "computed-torque", "", "inverse dynamics of the robot's model"),
-        (
-            P::AdaptiveComputedTorque,
-            "adaptive-computed-torque",
-            "",
-            "the same; infers mass, damping and motor strength from the past motion",
-        ),
-        (P::Ilqr, "ilqr", "", "receding-horizon optimal control on the model"),
-        (P::PredictiveSampling, "predictive-sampling", "", "random search about pd, on the model"),
-        (
-            P::Robert,
-            "robert",
-            "[:MODEL]",
-            "a trained network: file, run directory or built-in name",
-        ),
-        (
-            P::Ridge,
-            "ridge",
-            "[:MODEL]",
-            "the linear prediction inside such a model, or a robert fit",
-        ),
-        (
-            P::Nearest,
-            "nearest",
-            ":PATH",
-            "the actions of the most similar recorded moments: data or fit",
-        ),
-        (P::MlpInverse, "mlp-inverse", ":PATH", "a small inverse model that robert fit makes"),
-    ]
-};
-
-impl PolicyName {
-    /// Cases in which the policy is best, in a few words; measured in `docs/models.md` and
-    /// `docs/baselines.md`.
-    pub fn suits(self) -> &'static str {
-        match self {
-            PolicyName::Zero => "seeing what gravity alone does",
-            PolicyName::Random => "comparison: the error of a policy that has learned nothing",
-            PolicyName::Pd => "slow motion with a goal in every frame",
-            PolicyName::ComputedTorque => "an accurate robot model and goals close together",
-            PolicyName::AdaptiveComputedTorque => {
-                "a robot model whose mass, damping or motor strength is wrong"
-            }
-            PolicyName::Ilqr => "an accurate robot model and goals far apart (slow)",
-            PolicyName::PredictiveSampling => "an accurate robot model and contact (slow)",
-            PolicyName::Robert => "goals far apart, little damping, an inaccurate robot model",
-            PolicyName::Ridge => "nearly linear robots, or seconds of recorded motion",
-            PolicyName::Nearest => "comparison: shows what the recorded motion already contains",
-            PolicyName::MlpInverse => "a goal in every frame, an inaccurate robot model",
-            PolicyName::Auto => {
-                "any clip: tries several policies, repeats the best and corrects their goals"
-            }
-        }
-    }
-
-    /// The name as it is typed.
-    pub fn as_str(self) -> &'static str {
-        NAMES.iter().find(|n| n.0 == self).map_or("", |n| n.1)
-    }
-
-    /// Whether it needs a file with what it learned.
-    pub fn needs_model(self) -> bool {
-        matches!(
-            self,
-            PolicyName::Robert | PolicyName::Ridge | PolicyName::Nearest | PolicyName::MlpInverse
-        )
-    }
-
-    /// All names.
-    pub fn all() -> impl Iterator<Item = PolicyName> {
-        NAMES.iter().map(|n| n.0)
-    }
-
-    /// The usage and description of each policy, for help texts.
-    pub fn usages() -> impl Iterator<Item = (String, &'static str)> {
-        NAMES.iter().map(|(_, name, argument, what)| (format!("{name}{argument}"), *what))
-    }
-}
-
-impl FromStr for PolicyName {
-    type Err = Error;
-
-    fn from_str(text: &str) -> Result<Self, Error> {
-        NAMES.iter().find(|n| n.1 == text).map(|n| n.0).ok_or_else(|| Error::UnknownPolicy {
-            name: text.to_owned(),
-            known: NAMES.iter().map(|n| n.1).collect::<Vec<_>>().join(", "),
-        })
-    }
-}
-
-/// A policy that is available for a robot.
-#[derive(
-    Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema,
-)]
-pub struct Offer {
-    /// The policy's name.
-    pub name: PolicyName,
-    /// Name of the model, if it is not the robot's default one.
-    pub model: Option<String>,
-    /// Cases in which it is best, in a few words.
-    pub suits: String,
-    /// The guide that should fill masked frames for it.
-    pub guide: Guide,
-    /// What is missing before it can be chosen; `None` if nothing is.
-    pub needs: Option<String>,
-    /// Whether it computes with the robot's model.
-    pub knows_model: bool,
-    /// Whether it needs seconds for a clip.
-    pub slow: bool,
-    /// The masks that it accepts: for a learned policy those it was trained with, for all others
-    /// any.
-    pub masks: MaskGranularity,
-    /// Whether it is the robot's default.
-    pub default: bool,
-}
-
-/// All policies for a robot, including models. All pages and tables use this list.
-pub fn offers(robot: &Robot) -> Vec<Offer> {
-    let offer = |name: PolicyName| Offer {
-        name,
-        model: None,
-        suits: name.suits().to_owned(),
-        guide: Guide::None,
-        knows_model: matches!(
-            name,
-            PolicyName::Auto
-                | PolicyName::ComputedTorque
-                | PolicyName::AdaptiveComputedTorque
-                | PolicyName::Ilqr
-                | PolicyName::PredictiveSampling
-        ),
-        slow: matches!(name, PolicyName::Ilqr | PolicyName::PredictiveSampling),
-        needs: None,
-        masks: MaskGranularity::Joint,
-        default: name == PolicyName::Auto,
-    };
-    let mut list = Vec::new();
-    for name in PolicyName::all() {
-        if !name.needs_model() {
-            list.push(offer(name));
-            continue;
-        }
-        match shipped::get(robot, shipped::DEFAULT) {
-            Ok(Some(model)) => {
-                let masks = model.card.masks();
-                // A network's file need not contain the linear prediction.
-                let lacks = name == PolicyName::Ridge && model.encoder.ridge.is_none();
-                let needs = match name {
-                    PolicyName::Nearest => Some("recorded motion: name the dataset"),
-                    PolicyName::MlpInverse => Some("a fit: name its file or dataset"),
-                    _ => lacks.then_some("a model with a linear prediction in it"),
-                };
-                let needs = needs.map(str::to_owned);
-                let (suits, guide) = match name {
-                    PolicyName::Robert => case(&model.card),
-                    _ => (name.suits(), Guide::None),
-                };
-                let suits = suits.to_owned();
-                list.push(Offer { suits, guide, needs, masks, ..offer(name) });
-            }
-            Ok(None) => {
-                let needs = Some(format!(
-                    "there is no built-in model for {}: train one, or name its file",
-                    robot.id()
-                ));
-                list.push(Offer { needs, ..offer(name) });
-            }
-            Err(e) => list.push(Offer { needs: Some(e.to_string()), ..offer(name) }),
-        }
-    }
-    for name in shipped::of(robot).into_iter().filter(|n| n != shipped::DEFAULT) {
-        let Ok(Some(model)) = shipped::get(robot, &name) else { continue };
-        let masks = model.card.masks();
-        let (suits, guide) = case(&model.card);
-        let suits = suits.to_owned();
-        let named = Offer { model: Some(name), suits, guide, masks, ..offer(PolicyName::Robert) };
-        list.push(Offer { default: false, ..named });
-    }
-    list
-}
-
-/// Cases in which a trained network is best, and the guide that should fill masked frames for it;
-/// measured in `docs/models.md`.
-pub fn case(card: &Card) -> (&'static str, Guide) {
-    if card.tokens.previous_action {
-        // Small steps reveal the plant, and the guide divides wide gaps into small steps.
-        let suits = "an unknown payload, damping or motor strength; turns the guide on";
-        (suits, Guide::Linear)
-    } else if card.net.skip == SkipKind::Off {
-        ("comparison: the network as in the paper, without the linear prediction", Guide::None)
-    } else {
-        (PolicyName::Robert.suits(), Guide::None)
-    }
-}
-
-/// The rule that fills masked frames before a policy sees them.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "kebab-case")]
-#[derive(schemars::JsonSchema)]
-pub enum Guide {
-    /// Nothing: the policy sees the mask.
-    #[default]
-    None,
-    /// The straight line from the reached state to the next goal, drawn anew in every frame.
-    Linear,
-    /// A smooth curve from goal to goal through the whole gap, planned before the rollout.
-    Smooth,
-}
-
-impl Guide {
-    /// The option after a policy's name; empty without a guide.
-    pub fn suffix(self) -> &'static str {
-        match self {
-            Guide::None => "",
-            Guide::Linear => "+guide",
-            Guide::Smooth => "+smooth",
-        }
-    }
-}
-
-/// How a trained network is used; other policies ignore it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Inference {
-    /// Windows whose predictions for the current frame are averaged; 1 is off, 21 at most.
-    pub ensemble: usize,
-    /// Draw the action bin (as in the paper) instead of using the most likely one.
-    pub sample: bool,
-    /// Leave masked frames to the network, even if its file contains data to fill gaps.
-    pub masks: bool,
-    /// Scale the linear prediction by the ratio of applied to predicted actions in the past; for
-    /// `ridge`.
-    pub gain: bool,
-    /// Threads that share one window; the action is the same to the last bit.
-    pub threads: Threads,
-}
-
-impl Default for Inference {
-    fn default() -> Self {
-        Inference { ensemble: 1, sample: false, masks: false, gain: false, threads: Threads::One }
-    }
-}
 
 /// Labels for policies in one table. If two would be equal, their files distinguish them.
 pub(super) fn labels(policies: &[PolicyConfig]) -> Vec<String> {
@@ -592,14 +305,5 @@ mod tests {
         let many = [of(None), of(Some("adaptive")), of(Some("runs/a")), of(Some("runs/b")), pd];
         let named = ["robert", "robert:adaptive", "robert:runs/a", "robert:runs/b", "pd+guide"];
         assert_eq!(labels(&many), named);
-    }
-
-    #[test]
-    fn a_model_that_sees_the_past_wants_the_guide() {
-        let offers = offers(&Robot::builtin("pointmass").unwrap());
-        let guided = offers.iter().filter(|o| o.guide == Guide::Linear);
-        let models: Vec<_> = guided.map(|o| o.model.as_deref()).collect();
-        assert_eq!(models, [Some("adaptive")]);
-        assert!(offers.iter().any(|o| o.default && o.guide == Guide::None));
     }
 }

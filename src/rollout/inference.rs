@@ -1,0 +1,26 @@
+//! The use of a trained network.
+
+use robert_net::Threads;
+
+/// How a trained network is used; other policies ignore it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Inference {
+    /// Windows whose predictions for the current frame are averaged; 1 is off, 21 at most.
+    pub ensemble: usize,
+    /// Draw the action bin (as in the paper) instead of using the most likely one.
+    pub sample: bool,
+    /// Leave masked frames to the network, even if its file contains data to fill gaps.
+    pub masks: bool,
+    /// Scale the linear prediction by the ratio of applied to predicted actions in the past; for
+    /// `ridge`.
+    pub gain: bool,
+    /// Threads that share one window; the action is the same to the last bit.
+    pub threads: Threads,
+}
+
+impl Default for Inference {
+    fn default() -> Self {
+        Inference { ensemble: 1, sample: false, masks: false, gain: false, threads: Threads::One }
+    }
+}
