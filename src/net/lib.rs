@@ -7,6 +7,7 @@
 pub mod action_history;
 mod adaptive_threads;
 pub mod batch;
+mod card;
 #[cfg(test)]
 mod check;
 pub mod checkpoint;
@@ -22,6 +23,7 @@ pub mod infer;
 pub mod kmeans;
 pub mod mask;
 pub mod model;
+mod optimiser_state;
 pub mod params;
 pub mod reach;
 pub mod ridge;
