@@ -104,7 +104,7 @@ impl std::str::FromStr for AgentKind {
 
 /// The intrinsic reward of an agent.
 #[derive(Clone, Debug)]
-enum Curiosity {
+pub(super) enum Curiosity {
     Rnd(Rnd<f32>),
     Icm(Icm<f32>),
     Apt(Box<Apt<f32>>),
@@ -113,7 +113,13 @@ enum Curiosity {
 }
 
 impl Curiosity {
-    fn new(kind: AgentKind, obs: usize, act: usize, h: usize, seed: u64) -> Option<Self> {
+    pub(super) fn new(
+        kind: AgentKind,
+        obs: usize,
+        act: usize,
+        h: usize,
+        seed: u64,
+    ) -> Option<Self> {
         Some(match kind {
             AgentKind::Rnd => Curiosity::Rnd(Rnd::new(obs, h, seed)),
             AgentKind::Icm => Curiosity::Icm(Icm::new(obs, act, h, seed)),
@@ -125,7 +131,7 @@ impl Curiosity {
     }
 
     /// Takes one training step of the curiosity module, and returns the reward of the same batch.
-    fn update(
+    pub(super) fn update(
         &mut self,
         b: &Batch<f32>,
         lr: f64,
@@ -170,49 +176,6 @@ impl Curiosity {
             Curiosity::Aps(m) => m.keep(visit),
             Curiosity::Proto(m) => m.keep(visit),
         }
-    }
-}
-
-/// A single update, for benchmarks.
-#[derive(Debug)]
-pub struct UpdateBench {
-    ddpg: Ddpg<f32>,
-    curiosity: Curiosity,
-    batch: Batch<f32>,
-    reward: Vec<f32>,
-    updates: u64,
-}
-
-impl UpdateBench {
-    /// Networks of a preset for these sizes and a batch of random transitions; `None` for
-    /// collectors that do not learn.
-    pub fn new(kind: AgentKind, preset: &Preset, state_dim: usize, act: usize) -> Option<Self> {
-        let obs = 2 * state_dim;
-        let skill = if kind == AgentKind::Aps { SKILL } else { 0 };
-        let mut rng = Rng::new(1, Stream::Replay, 0);
-        let mut random = |n: usize| (0..n).map(|_| rng.range(-1.0, 1.0) as f32).collect::<Vec<_>>();
-        let rows = preset.batch;
-        Some(UpdateBench {
-            ddpg: Ddpg::new(obs, act, skill, preset.hidden, 1),
-            curiosity: Curiosity::new(kind, obs, act, preset.hidden, 1)?,
-            batch: Batch {
-                rows,
-                obs: random(rows * obs),
-                action: random(rows * act),
-                next: random(rows * obs),
-                skill: random(rows * skill),
-            },
-            reward: Vec::new(),
-            updates: 0,
-        })
-    }
-
-    /// Takes one update: curiosity, reward, critic, actor, target.
-    pub fn update(&mut self) {
-        let i = self.updates;
-        self.curiosity.update(&self.batch, 1e-4, 1, i, &mut self.reward);
-        self.ddpg.update(&self.batch, &self.reward, 1e-4, 1, i);
-        self.updates += 1;
     }
 }
 
