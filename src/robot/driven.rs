@@ -1,14 +1,14 @@
 //! The joints that the actuators can move.
 
-use super::{Coupling, Error, Robot, derive};
+use super::{Coupling, Error, Robot, tendons};
 use robert_mujoco::Data;
 
 impl Robot {
     /// The joints of a fixed tendon, by the name that its actuator gives; empty for a spatial one.
     pub fn tendon_joints(&self, tendon: &str) -> Vec<&str> {
         let model = self.model();
-        let called = |t: &usize| derive::tendon_name(model, *t) == tendon;
-        let members = (0..model.ntendon()).find(called).map(|t| derive::tendon_joints(model, t));
+        let called = |t: &usize| tendons::tendon_name(model, *t) == tendon;
+        let members = (0..model.ntendon()).find(called).map(|t| tendons::tendon_joints(model, t));
         let members = members.into_iter().flatten();
         members.map(|(j, _)| self.joints()[j].name.as_str()).collect()
     }

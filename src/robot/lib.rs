@@ -15,6 +15,8 @@
 
 mod builtin;
 pub mod check;
+mod complete;
+mod couplings;
 mod dae;
 mod derive;
 mod driven;
@@ -22,6 +24,7 @@ mod error;
 mod folder;
 mod golden;
 mod gravity;
+mod groups;
 mod ik;
 pub mod import;
 mod keys;
@@ -30,6 +33,7 @@ mod law;
 mod loops;
 mod mesh;
 mod mirror;
+mod motors;
 mod pace;
 mod pairs;
 mod plant;
@@ -40,6 +44,7 @@ mod response;
 mod servo;
 mod servos;
 mod settle;
+mod tendons;
 mod text;
 mod ties;
 
@@ -414,7 +419,7 @@ impl Robot {
             mjcf.clone()
         };
         let model = Arc::new(compile(&stepped, &assets)?);
-        let profile = derive::complete(written, &model, id, path)?;
+        let profile = complete::complete(written, &model, id, path)?;
         let joints: Vec<StateJoint> = profile
             .joints
             .iter()
@@ -440,7 +445,7 @@ impl Robot {
                 name: a.name.clone(),
                 drive: a.drive.clone(),
                 ctrlrange: a.ctrlrange,
-                is_motor: derive::is_motor(&model, i),
+                is_motor: motors::is_motor(&model, i),
                 law: Law::of(&model, i),
             })
             .collect();

@@ -10,9 +10,10 @@
 use std::sync::Arc;
 
 use super::Error;
-use super::derive::{ctrlrange, tendon_joints, torque_limit};
 use super::golden::spread;
 use super::law::Law;
+use super::motors::{ctrlrange, torque_limit};
+use super::tendons::tendon_joints;
 use super::ties;
 use robert_mujoco::{Data, Joint, Model, Transmission, index};
 

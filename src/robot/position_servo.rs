@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::derive::ctrlrange;
 use super::law::Law;
+use super::motors::ctrlrange;
 use super::response::lasting;
 use robert_base::units::{CTRL_DT, SIM_DT, SUBSTEPS};
 use robert_mujoco::Data;

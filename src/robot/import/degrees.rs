@@ -2,8 +2,8 @@
 //! otherwise, but never in control ranges; URDF always has radians.
 
 use super::draft::Draft;
-use crate::derive::ctrlrange;
 use crate::law::Law;
+use crate::motors::ctrlrange;
 use crate::preparse::Format;
 use robert_mujoco::{Joint, Kind, Model, Transmission};
 

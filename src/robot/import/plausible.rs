@@ -5,8 +5,9 @@ use std::sync::Arc;
 
 use super::draft::Draft;
 use crate::Error;
-use crate::derive::{digits, torque_limit};
+use crate::derive::digits;
 use crate::golden::spread_model;
+use crate::motors::torque_limit;
 use crate::ties::{carried, ties};
 use robert_mujoco::{Data, Joint, Kind, Model};
 
