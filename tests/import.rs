@@ -898,7 +898,7 @@ fn a_platform_that_closes_a_loop_gets_six_joints() {
 "#;
     let mut models = Vec::new();
     for ties in [bodies, sites] {
-        let ran = robert().file("m.xml", &platform(ties, "-.2"));
+        let ran = robert().file("m.xml", platform(ties, "-.2"));
         let ran = ran.args(["import", "m.xml", "--out", "bot"]).succeeds();
         let robot = Robot::from_folder(&ran.path("bot")).unwrap();
         let names: Vec<&str> = robot.joints().iter().map(|j| j.name.as_str()).collect();
@@ -926,13 +926,13 @@ fn a_platform_that_closes_a_loop_gets_six_joints() {
     // What closes no loop is refused as before, and what was asked for is done.
     let off = bodies.replace("<connect", "<connect active=\"false\"");
     let ran =
-        robert().file("m.xml", &platform(&off, "-.2")).args(["import", "m.xml", "--out", "bot"]);
+        robert().file("m.xml", platform(&off, "-.2")).args(["import", "m.xml", "--out", "bot"]);
     assert!(ran.fails(3).stderr.contains("--without plate"));
     let fixed = ["import", "m.xml", "--out", "bot", "--fixed-base"];
-    let ran = robert().file("m.xml", &platform(bodies, "-.2")).args(fixed).succeeds();
+    let ran = robert().file("m.xml", platform(bodies, "-.2")).args(fixed).succeeds();
     assert_eq!(Robot::from_folder(&ran.path("bot")).unwrap().joints().len(), 2);
 
-    let ran = robert().file("m.xml", &platform(sites, "-.25"));
+    let ran = robert().file("m.xml", platform(sites, "-.25"));
     let ran = ran.args(["import", "m.xml", "--out", "bot"]).fails(3);
     assert!(
         ran.stderr.contains("50.0 mm apart") && ran.stderr.contains("m.xml:9:1"),
@@ -954,7 +954,7 @@ fn balls_become_hinges_and_a_base_that_floats_is_one() {
         )
     };
     let ran =
-        robert().file("m.xml", &model("")).args(["import", "m.xml", "--out", "bot"]).succeeds();
+        robert().file("m.xml", model("")).args(["import", "m.xml", "--out", "bot"]).succeeds();
     let robot = Robot::from_folder(&ran.path("bot")).unwrap();
     let names: Vec<&str> = robot.joints().iter().map(|j| j.name.as_str()).collect();
     assert_eq!(names, ["knee", "eye_roll", "eye_pitch", "eye_yaw"]);
@@ -962,7 +962,7 @@ fn balls_become_hinges_and_a_base_that_floats_is_one() {
     assert!(ran.stdout.contains("three hinges each: eye"), "{}", ran.stdout);
 
     let weld = ["import", "m.xml", "--out", "bot", "--weld", "eye"];
-    let ran = robert().file("m.xml", &model("")).args(weld).succeeds();
+    let ran = robert().file("m.xml", model("")).args(weld).succeeds();
     assert_eq!(Robot::from_folder(&ran.path("bot")).unwrap().joints().len(), 1);
     assert!(!ran.stdout.contains("three hinges"), "{}", ran.stdout);
 
@@ -970,11 +970,11 @@ fn balls_become_hinges_and_a_base_that_floats_is_one() {
 <joint type="slide" axis="0 1 0"/>
 <joint type="slide" axis="0 0 1"/>
 <joint type="ball"/>"#;
-    let ran = robert().file("m.xml", &model(floating)).args(["import", "m.xml", "--out", "bot"]);
+    let ran = robert().file("m.xml", model(floating)).args(["import", "m.xml", "--out", "bot"]);
     let ran = ran.fails(3);
     let said = ran.stderr.contains("m.xml:4:1") && ran.stderr.contains("\"hip\" still");
     assert!(said && ran.stderr.contains("--fixed-base"), "{}", ran.stderr);
     let args = ["import", "m.xml", "--out", "bot", "--fixed-base"];
-    let ran = robert().file("m.xml", &model(floating)).args(args).succeeds();
+    let ran = robert().file("m.xml", model(floating)).args(args).succeeds();
     assert_eq!(Robot::from_folder(&ran.path("bot")).unwrap().joints().len(), 4);
 }

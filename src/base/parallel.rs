@@ -1,6 +1,6 @@
 //! Runs one kind of work on several threads.
 
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 /// Runs `work` on this many threads, the caller's included, and returns the result of each, the
 /// caller's first. A panic on one of them goes on here.
@@ -17,16 +17,19 @@ pub fn on_threads<T: Send>(threads: usize, work: impl Fn() -> T + Sync) -> Vec<T
     })
 }
 
-/// The results of `each` for 0 to `count`, in order. A free thread takes the next number.
-pub fn each<T: Send>(threads: usize, count: usize, each: impl Fn(usize) -> T + Sync) -> Vec<T> {
-    let next = AtomicUsize::new(0);
-    let work = || {
-        let numbers = std::iter::repeat_with(|| next.fetch_add(1, Ordering::Relaxed));
-        numbers.take_while(|n| *n < count).map(|n| (n, each(n))).collect::<Vec<_>>()
-    };
+/// The results of `each` for these items and their indices, in order. A free thread takes the next
+/// item.
+pub fn each<I: Sync, T: Send>(
+    threads: usize,
+    items: &[I],
+    each: impl Fn(usize, &I) -> T + Sync,
+) -> Vec<T> {
+    let queue = Mutex::new(items.iter().enumerate());
+    let next = || queue.lock().unwrap_or_else(PoisonError::into_inner).next();
+    let work = || std::iter::from_fn(next).map(|(i, item)| (i, each(i, item))).collect::<Vec<_>>();
     let mut all: Vec<(usize, T)> =
-        on_threads(threads.min(count), work).into_iter().flatten().collect();
-    all.sort_by_key(|(n, _)| *n);
+        on_threads(threads.min(items.len()), work).into_iter().flatten().collect();
+    all.sort_by_key(|(i, _)| *i);
     all.into_iter().map(|(_, result)| result).collect()
 }
 
@@ -42,14 +45,16 @@ mod tests {
     #[test]
     fn results_are_in_order_whatever_the_threads() {
         for threads in [1, 3, 64] {
-            assert_eq!(each(threads, 10, |n| n * n), [0, 1, 4, 9, 16, 25, 36, 49, 64, 81]);
+            assert_eq!(each(threads, &[5, 7, 9], |i, x| i * x), [0, 7, 18]);
         }
-        assert!(each(4, 0, |n| n).is_empty());
+        assert!(each(4, &[0; 0], |_, x| *x).is_empty());
     }
 
     #[test]
     fn a_panic_of_one_goes_on_here() {
-        let ran = std::panic::catch_unwind(|| each(2, 4, |n| assert_ne!(n, 3, "third")));
+        let ran = std::panic::catch_unwind(|| {
+            each(2, &[1, 2, 3], |_, x| assert_ne!(*x, 3, "third"));
+        });
         let message = ran.unwrap_err();
         assert!(message.downcast_ref::<String>().is_some_and(|m| m.contains("third")));
     }

@@ -209,8 +209,7 @@ fn inspect(manifest: &Manifest, path: &Path, verify: Verify) -> (Vec<Shard>, Vec
     let count = manifest.shards.len();
     // Counting the cores reads files of the system, which takes longer than to open one shard.
     let workers = if count > 1 { parallel::cores() } else { 1 };
-    let mut results = parallel::each(workers, count, |i| {
-        let entry = &manifest.shards[i];
+    let mut results = parallel::each(workers, &manifest.shards, |i, entry| {
         let path = dir.join(&entry.file);
         open_one(manifest, i, &path, verify).map_err(|message| Problem {
             shard: i,

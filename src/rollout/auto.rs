@@ -185,8 +185,7 @@ impl Contenders {
             let n = (done.fetch_add(1, Ordering::Relaxed) + 1).min(frames);
             progress.tick(n as u64, frames as u64, label);
         };
-        let all = parallel::each(threads, differ.len(), |turn| {
-            let at = differ[turn];
+        let all = parallel::each(threads, &differ, |_, &at| {
             let label = self.list[at].0.label();
             (at, self.one(at, command, start, seed, &|| tick(&label), cancel))
         });

@@ -151,5 +151,5 @@ fn entries(dir: &Path, paths: &[String]) -> Result<Vec<FileEntry>, Error> {
         let bytes = fs::metadata(&file).map_err(write_error(&file))?.len();
         Ok(FileEntry { bytes, sha256: fsio::sha256_file(&file)?, path: path.clone() })
     };
-    parallel::each(parallel::cores(), paths.len(), |i| entry(&paths[i])).into_iter().collect()
+    parallel::each(parallel::cores(), paths, |_, path| entry(path)).into_iter().collect()
 }

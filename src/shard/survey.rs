@@ -35,8 +35,8 @@ pub fn survey(dir: &Path, plan: &Plan, accept: Accept) -> Survey {
 pub(super) fn inspect(dir: &Path, plan: &Plan, accept: Accept) -> (Survey, Vec<Option<Manifest>>) {
     let common = plan.common();
     let threads = parallel::cores().min(16);
-    let found = parallel::each(threads, plan.cells.len(), |index| {
-        let name = Plan::name_of(&common, index, &plan.cells[index]);
+    let found = parallel::each(threads, &plan.cells, |index, cell| {
+        let name = Plan::name_of(&common, index, cell);
         state(&plan.parent_of(dir, index).join(name), plan, index, accept)
     });
     let (states, manifests) = found.into_iter().unzip();

@@ -28,10 +28,11 @@ const COMMON: &[&str] = &[
 
 /// Replaces a free joint by three slides and three hinges along and about the axes of the body.
 pub(super) fn six_joints(doc: &Document<'_>, free: Node<'_, '_>, draft: &mut Draft) -> String {
-    let own = match free.has_tag_name("freejoint") {
-        // It takes nothing from default classes.
-        true => " damping=\"0\" armature=\"0\" frictionloss=\"0\" stiffness=\"0\"".to_owned(),
-        false => own(free),
+    // A <freejoint> takes nothing from default classes.
+    let own = if free.has_tag_name("freejoint") {
+        " damping=\"0\" armature=\"0\" frictionloss=\"0\" stiffness=\"0\"".to_owned()
+    } else {
+        own(free)
     };
     let parts: Vec<_> =
         WAYS.map(|way| ("slide", way)).into_iter().chain(TURNS.map(|t| ("hinge", t))).collect();
