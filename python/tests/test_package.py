@@ -260,14 +260,15 @@ def test_the_environment_passes_gymnasiums_check():
     assert np.array_equal(first, again)
 
 
-def test_an_episode_begins_where_a_rollout_of_the_clip_does():
+def test_an_episode_begins_where_a_rollout_of_the_clip_does(tmp_path):
     pytest.importorskip("gymnasium")
     from robert_studio.env import TrackEnv
 
     robot = rs.Robot("pointmass")
     clip = rs.Clip.from_array(robot, np.full((30, 2), 0.5))
-    begins = json.loads(clip.text()) | {"start": [0.2, -0.1]}
-    clip = rs.Clip.parse(json.dumps(begins))
+    begins = json.loads(clip.text()) | {"start": {"q": [0.2, -0.1]}}
+    (tmp_path / "a.clip.json").write_text(json.dumps(begins))
+    clip = rs.Clip.load(tmp_path / "a.clip.json")
     assert np.allclose(clip.start(), [0.2, -0.1])
     first, _ = TrackEnv("pointmass", clip).reset()
     assert np.allclose(first[:2], [0.2, -0.1])
