@@ -6,6 +6,7 @@ use std::sync::Arc;
 use pyo3::prelude::*;
 use robert::dataset::{Dataset, Verify};
 use robert::explore::{self, AgentKind, CollectConfig, Preset};
+use robert::parallel::cores;
 use robert::robot::PlantRange;
 use robert::rollout::{
     Case, EvalConfig, InverseSettings, NEAREST_FRAMES, Start, Suite, evaluate as judge, floor,
@@ -191,8 +192,4 @@ pub(crate) fn train(
         teach(&data, &config, options).map_err(raise)
     })?;
     json(&serde_json::json!({"dir": out, "result": done}))
-}
-
-fn cores() -> usize {
-    std::thread::available_parallelism().map_or(1, usize::from)
 }

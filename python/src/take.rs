@@ -49,7 +49,7 @@ pub(crate) fn rollout(
     let take = listened(py, progress, |listener, cancel| {
         let (policy, chosen) = if asked.is_tried() {
             let all = Contenders::new(&robot, &asked).map_err(raise)?;
-            let threads = std::thread::available_parallelism().map_or(1, usize::from);
+            let threads = robert::parallel::cores();
             let chosen = all
                 .perform(&command, &Start::Pose, seed, threads, listener, cancel)
                 .map_err(raise)?;

@@ -3,7 +3,7 @@
 use clap::Args;
 use clap::builder::RangedU64ValueParser;
 
-use crate::parallel;
+pub(super) use crate::parallel::cores;
 
 /// Options of every command.
 #[derive(Args, Clone, Copy, Debug)]
@@ -38,9 +38,4 @@ impl Threads {
 /// The number that every `--threads` takes.
 pub(super) fn thread_count() -> RangedU64ValueParser<usize> {
     RangedU64ValueParser::new().range(1..=1024)
-}
-
-/// Cores of this machine.
-pub(super) fn cores() -> usize {
-    parallel::cores()
 }

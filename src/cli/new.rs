@@ -2,9 +2,9 @@
 //!
 //! The steps are: import the file, collect random motion, fit the linear regression `ridge`,
 //! which is usable at once, and train the network. Then the network, `ridge` and proportional control
-//! perform trial clips. The one with the smallest error is kept in the robot's
-//! folder as its own policy. The default `auto` compares it with others for each clip. Each step is the command of that name with its own
-//! defaults. A stopped run continues at the step where it was.
+//! perform trial clips. The one with the smallest error is kept in the robot's folder as its own
+//! policy. The default `auto` compares it with others for each clip. Each step is the command of that
+//! name with its own defaults. A stopped run continues at the step where it was.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

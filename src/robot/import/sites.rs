@@ -91,12 +91,14 @@ pub(super) fn check(ties: &[Tie], model: &Arc<Model>, path: &Path) -> Result<(),
     }
     let mut data = Data::new(model)?;
     data.kinematics()?;
-    let at = |name: &str| {
-        let site = model.id(Kind::Site, name);
-        site.and_then(|s| data.site_xpos().get(3 * s..3 * s + 3)).unwrap_or_default()
+    let at = |name: &String| {
+        let site = model.id(Kind::Site, name)?;
+        Some(&data.site_xpos()[3 * site..3 * site + 3])
     };
     for Tie { sites: [a, b], line, column } in ties {
-        let apart = at(a).iter().zip(at(b)).map(|(x, y)| (x - y).powi(2)).sum::<f64>().sqrt();
+        // A body that was left out has taken its sites and their ties with it.
+        let (Some(from), Some(to)) = (at(a), at(b)) else { continue };
+        let apart = from.iter().zip(to).map(|(x, y)| (x - y).powi(2)).sum::<f64>().sqrt();
         if apart > APART {
             let message = format!(
                 "<connect> of sites \"{a}\" and \"{b}\", which are {:.1} mm apart in the default pose; give joints a \
