@@ -37,6 +37,20 @@ struct Common {
     dark: bool,
 }
 
+/// Several motions with one command.
+#[derive(clap::Args, Debug)]
+struct Compared {
+    /// Achieved motions, takes or CSV; `name=file` names one in the legend.
+    achieved: Vec<String>,
+    /// Command, CSV [default: that of the first take].
+    #[arg(long)]
+    command: Option<PathBuf>,
+    #[command(flatten)]
+    unit: Units,
+    #[command(flatten)]
+    common: Common,
+}
+
 #[derive(clap::Subcommand, Debug)]
 enum What {
     /// Command and reached motion, one small chart per joint.
@@ -58,32 +72,12 @@ enum What {
     #[command(
         after_help = "Examples:\n  robert plot xy star.mcap -o star.svg\n  robert plot xy pd=a.csv ilqr=b.csv --command command.csv --unit m -o star.png"
     )]
-    Xy {
-        /// Achieved motions, takes or CSV; `name=file` names a path.
-        achieved: Vec<String>,
-        /// Command, CSV [default: that of the first take].
-        #[arg(long)]
-        command: Option<PathBuf>,
-        #[command(flatten)]
-        unit: Units,
-        #[command(flatten)]
-        common: Common,
-    },
+    Xy(Compared),
     /// Mean absolute error over time.
     #[command(
         after_help = "Examples:\n  robert plot precision pd=pd.mcap ilqr=ilqr.mcap -o precision.png"
     )]
-    Precision {
-        /// Achieved motions, takes or CSV; `name=file` names a method.
-        achieved: Vec<String>,
-        /// Command, CSV [default: that of the first take].
-        #[arg(long)]
-        command: Option<PathBuf>,
-        #[command(flatten)]
-        unit: Units,
-        #[command(flatten)]
-        common: Common,
-    },
+    Precision(Compared),
     /// A figure over training steps, from metrics.jsonl files. Files with the same name become a
     /// mean with its 95 % interval.
     #[command(
@@ -138,11 +132,11 @@ pub(super) fn run(args: &Args) -> Outcome {
         What::Joints { achieved, command, joints, common } => {
             (motions::joint_chart(achieved, command.as_deref(), joints, &common.title)?, common)
         }
-        What::Xy { achieved, command, unit, common } => {
+        What::Xy(Compared { achieved, command, unit, common }) => {
             let files = named(achieved)?;
             (motions::path_chart(files, command.as_deref(), unit, &common.title)?, common)
         }
-        What::Precision { achieved, command, unit, common } => {
+        What::Precision(Compared { achieved, command, unit, common }) => {
             let files = named(achieved)?;
             (motions::precision_chart(files, command.as_deref(), unit, &common.title)?, common)
         }
