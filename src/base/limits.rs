@@ -58,6 +58,8 @@ pub const XML_ATTRIBUTES: usize = 256;
 pub const XML_NAMESPACES: usize = 64;
 /// Nesting of `<include>`.
 pub const INCLUDE_DEPTH: usize = 8;
+/// Models that a model attaches, with what they attach themselves.
+pub const ATTACHED_MODELS: usize = 100;
 /// Faces in one mesh.
 pub const MESH_FACES: usize = 2_000_000;
 /// Bytes in one mesh file.

@@ -98,6 +98,16 @@ pub fn read(path: &Path, root: Option<&Path>) -> Result<Project, Error> {
     Ok(Project { format, xml, path: path.into(), root, assets, parts })
 }
 
+/// The files of a text that was changed after it was read, with all checks made again.
+///
+/// # Errors
+/// As [`read`].
+pub(super) fn again(xml: &str, path: &Path, root: &Path) -> Result<Vec<AssetRef>, Error> {
+    let doc = parse(xml, path)?;
+    check(&doc, path)?;
+    assets(&doc, path, folder(path), root)
+}
+
 /// Reads a text file within the size limit, as UTF-8 without NUL.
 fn read_text(path: &Path) -> Result<String, Error> {
     let refused = |message: String, text: &str, at: usize| {
@@ -159,10 +169,59 @@ pub(super) fn place(node: Node<'_, '_>) -> (u32, u32) {
     (pos.row, pos.col)
 }
 
-/// An error at a node.
+/// An error at a node. Its text may have been changed since it was read from the file.
 pub(super) fn refuse(node: Node<'_, '_>, path: &Path, message: impl Into<String>) -> Error {
     let (line, column) = place(node);
-    Error::Refused { message: message.into(), line, column, path: path.to_owned() }
+    refuse_at(node.document().input_text(), (line, column), path, message.into())
+}
+
+/// An error at a line and column of a text that may have been changed since it was read from the file.
+pub(super) fn refuse_at(
+    text: &str,
+    (line, column): (u32, u32),
+    path: &Path,
+    message: String,
+) -> Error {
+    let path = path.to_owned();
+    match Origin::of(text, line, column, &path) {
+        Origin::Line(line) => Error::Refused { message, line, column, path },
+        Origin::Excerpt(excerpt) => {
+            let message = format!("{message}; the element is {excerpt}");
+            Error::Refused { message, line: 0, column: 0, path }
+        }
+    }
+}
+
+/// Where a line of a changed text comes from.
+pub(super) enum Origin {
+    /// This line of the file, from 1.
+    Line(u32),
+    /// The file does not have the line: an include or an attached model has it, or it was written anew.
+    Excerpt(String),
+}
+
+impl Origin {
+    /// Looks a line of `text` up in the file. Includes, frames and replicas move lines, other changes do
+    /// not.
+    pub(super) fn of(text: &str, line: u32, column: u32, path: &Path) -> Origin {
+        let Ok(source) = read_text(path) else { return Origin::Line(line) };
+        if source.lines().count() == text.lines().count() {
+            return Origin::Line(line);
+        }
+        let at = usize::try_from(line).unwrap_or(usize::MAX).saturating_sub(1);
+        let whole = text.lines().nth(at).unwrap_or_default();
+        let words = whole.trim();
+        let mut alike = (1..).zip(source.lines()).filter(|(_, other)| other.trim() == words);
+        match (alike.next(), alike.next()) {
+            (Some((line, _)), None) if !words.is_empty() => Origin::Line(line),
+            _ => {
+                let column = usize::try_from(column).unwrap_or(usize::MAX).saturating_sub(1);
+                let from = whole.chars().skip(column).collect::<String>();
+                let tag = from.split_inclusive('>').next().unwrap_or_default();
+                Origin::Excerpt(tag.trim().chars().take(120).collect())
+            }
+        }
+    }
 }
 
 fn folder(path: &Path) -> &Path {
@@ -232,12 +291,7 @@ impl Splice<'_> {
             let text = read_text(&found)?;
             let inner = self.expand(&text, &found, deep + 1)?;
             let part = parse(&inner, &found)?;
-            let root = part.root_element();
-            let body = match (root.first_child(), text::before_close(root)) {
-                (Some(first), Some(end)) => inner.get(first.range().start..end).unwrap_or_default(),
-                _ => "",
-            };
-            edits.replace(node.range(), body);
+            edits.replace(node.range(), text::inner(part.root_element(), &inner));
         }
         Ok(edits.apply(xml))
     }
@@ -504,6 +558,12 @@ const FILES: &[(&str, &str)] = &[
 /// Whether this attribute of this MJCF element is a file name.
 pub(super) fn names_file(tag: &str, attribute: &str) -> bool {
     FILES.contains(&(tag, attribute))
+}
+
+/// The name of a file without folder and extension: that of a mesh without a name.
+pub(super) fn stem(written: &str) -> String {
+    let file = written.rsplit(['/', '\\']).next().unwrap_or(written);
+    file.rsplit_once('.').map_or(file, |(s, _)| s).to_owned()
 }
 
 /// Folders of meshes and textures from the compiler elements (the last one counts).

@@ -76,6 +76,14 @@ pub(super) fn before_close(node: roxmltree::Node<'_, '_>) -> Option<usize> {
     Some(range.start + close)
 }
 
+/// The text between an element's tags, out of the document's own.
+pub(super) fn inner<'x>(node: roxmltree::Node<'_, '_>, xml: &'x str) -> &'x str {
+    match (node.first_child(), before_close(node)) {
+        (Some(first), Some(end)) => xml.get(first.range().start..end).unwrap_or_default(),
+        _ => "",
+    }
+}
+
 /// Escapes text for an attribute value.
 pub(super) fn escape(value: &str) -> String {
     value.replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;")

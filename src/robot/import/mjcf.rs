@@ -292,7 +292,7 @@ fn files(
             // A mesh without a name gets the name of its file, which other elements use.
             let implied = a.name() == "file" && !node.has_attribute("name");
             if implied && matches!(tag, "mesh" | "hfield" | "texture") {
-                let stem = stem(a.value());
+                let stem = preparse::stem(a.value());
                 edits.set(node, "name", &stem);
             }
             if mesh::extension(&found.path) == "msh" {
@@ -301,11 +301,6 @@ fn files(
         }
     }
     Ok(())
-}
-
-fn stem(written: &str) -> String {
-    let file = written.rsplit(['/', '\\']).next().unwrap_or(written);
-    file.rsplit_once('.').map_or(file, |(s, _)| s).to_owned()
 }
 
 /// Gives names to bodies, for contact excludes, and to joints, for the profile.

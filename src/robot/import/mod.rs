@@ -8,6 +8,7 @@
 //! Rejected: `MuJoCo`'s own URDF loader, which drops effort, velocity and mimic, cuts
 //! `package://` paths to the base name and makes no actuators.
 
+mod attach;
 mod bearable;
 mod classes;
 mod config;
@@ -183,11 +184,13 @@ pub fn draft(config: &ImportConfig) -> Result<String, Error> {
 }
 
 fn drafted(config: &ImportConfig) -> Result<(preparse::Project, Draft), Error> {
-    let project = preparse::read(&config.source, config.root.as_deref())?;
-    let draft = match project.format {
+    let (project, remarks) = attach::read(&config.source, config.root.as_deref())?;
+    let mut draft = match project.format {
         preparse::Format::Mjcf => mjcf::draft(&project, config)?,
         preparse::Format::Urdf => urdf::draft(&project, config)?,
     };
+    draft.changed.extend(remarks.changed);
+    draft.warnings.extend(remarks.warnings);
     Ok((project, draft))
 }
 
@@ -199,24 +202,25 @@ fn settle_draft(
     dir: &Path,
 ) -> Result<(Arc<Model>, String), Error> {
     // Errors of the draft contain its own path, but the user knows the source's.
-    let say = |e: Error| named(e, &dir.join(MODEL_FILE), project);
+    let say = |e: Error, text: &str| named(e, &dir.join(MODEL_FILE), text, project);
     compile_healed(draft, project, config, dir)?;
     unknown::tell(draft);
-    let mut first = Arc::new(compile(&draft.xml, &draft.assets).map_err(say)?);
-    sites::check(&draft.ties, &first, &project.path)?;
+    let mut first = Arc::new(compile(&draft.xml, &draft.assets).map_err(|e| say(e, &draft.xml))?);
+    sites::check(draft, &first, &project.path)?;
     if fix::joints(draft, &first, project, config)? {
-        first = Arc::new(compile(&draft.xml, &draft.assets).map_err(say)?);
+        first = Arc::new(compile(&draft.xml, &draft.assets).map_err(|e| say(e, &draft.xml))?);
         fix::joints(draft, &first, project, config)?;
     }
     fix::actuators(draft, &first, config)?;
-    let mut second = compile(&draft.xml, &draft.assets).map_err(say)?;
+    let mut second = compile(&draft.xml, &draft.assets).map_err(|e| say(e, &draft.xml))?;
     if drives::model(draft, &second, config)? {
-        second = compile(&draft.xml, &draft.assets).map_err(say)?;
+        second = compile(&draft.xml, &draft.assets).map_err(|e| say(e, &draft.xml))?;
     }
     contacts::exclude(draft, &second, project)?;
-    let last = Arc::new(compile(&draft.xml, &draft.assets).map_err(say)?);
+    let last = Arc::new(compile(&draft.xml, &draft.assets).map_err(|e| say(e, &draft.xml))?);
     write_model(dir, &draft.xml, &draft.assets)?;
-    check::compile(&dir.join(MODEL_FILE), &config.checker, check::STEPS).map_err(say)?;
+    check::compile(&dir.join(MODEL_FILE), &config.checker, check::STEPS)
+        .map_err(|e| say(e, &draft.xml))?;
     Ok((last, draft.xml.clone()))
 }
 
@@ -232,7 +236,7 @@ fn compile_healed(
         write_model(dir, &draft.xml, &draft.assets)?;
         let Err(error) = check::compile(&path, &config.checker, 0) else { return Ok(()) };
         if !unknown::heal(draft, &error, &project.path)? {
-            return Err(hinted(named(error, &path, project)));
+            return Err(hinted(named(error, &path, &draft.xml, project)));
         }
         // Files of another name or content may have taken the place of some.
         let assets = dir.join(draft::ASSET_DIR);
@@ -261,20 +265,27 @@ fn compile(xml: &str, assets: &Assets) -> Result<Model, Error> {
     super::compile(xml, assets)
 }
 
-/// Errors of the draft, reported for the source file. Line numbers are those of the source if the
-/// draft kept its lines.
-fn named(e: Error, drafted: &Path, project: &preparse::Project) -> Error {
+/// Errors of the draft with this text, reported for the source file, with a line of it where one is known.
+fn named(e: Error, drafted: &Path, text: &str, project: &preparse::Project) -> Error {
     let source = &project.path;
-    let own_lines = project.format == preparse::Format::Mjcf && project.parts == 1;
     let (from, to) = (drafted.display().to_string(), source.display().to_string());
     match e {
         Error::Checked { message, class, .. } => {
-            let message = if own_lines {
-                message.replace(&from, &to)
-            } else {
-                let rest = message.strip_prefix(&from).unwrap_or(&message);
-                let what = rest.split_once(": ").map_or(rest, |(_, m)| m);
-                format!("{to}: {what}")
+            let rest = message.strip_prefix(&from).unwrap_or(&message);
+            let (place, what) = rest.split_once(": ").unwrap_or(("", rest));
+            let line = place.trim_start_matches(':').split(':').next().and_then(|l| l.parse().ok());
+            let message = match line.filter(|_| project.format == preparse::Format::Mjcf) {
+                None => format!("{to}: {what}"),
+                Some(line) => {
+                    // The simulator's own number is that of the draft.
+                    let what = what.replace(&format!(", line {line}"), "");
+                    match preparse::Origin::of(text, line, 1, source) {
+                        preparse::Origin::Line(line) => format!("{to}:{line}:1: {what}"),
+                        preparse::Origin::Excerpt(tag) => {
+                            format!("{to}: {what}; the line is {tag}")
+                        }
+                    }
+                }
             };
             Error::Checked { message, class, path: source.clone() }
         }

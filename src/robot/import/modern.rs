@@ -1,4 +1,4 @@
-//! Rewrites elements of `MuJoCo` 3 for version 2.2.2: frames, replicas, attached models.
+//! Rewrites elements of `MuJoCo` 3 for version 2.2.2: frames and replicas.
 //!
 //! A `<frame>` becomes a body without joints, which moves, weighs and collides as part of its
 //! parent. A `<replicate>` becomes several of them. Both are rewritten from the inside out, and
@@ -6,11 +6,12 @@
 
 use std::fmt::Write as _;
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use roxmltree::Node;
 
+use super::attach::Angles;
 use super::draft::Draft;
-use crate::text::{Edits, before_close, escape};
+use crate::text::{Edits, escape, inner};
 use crate::{Error, preparse};
 use robert_base::limits;
 use robert_base::xml::numbers;
@@ -19,10 +20,6 @@ use robert_base::xml::numbers;
 const POSE: &[&str] = &["pos", "quat", "axisangle", "xyaxes", "zaxis", "euler", "childclass"];
 /// Elements that this version does not have, with an alternative.
 const REFUSED: &[(&str, &str)] = &[
-    (
-        "attach",
-        "<attach> puts another model here, which is MuJoCo 3's own work; write the whole model first: mujoco.MjSpec.from_file(FILE).to_xml(), with the meshdir of the attached model in its <compiler>",
-    ),
     (
         "flexcomp",
         "<flexcomp> is a soft body, which MuJoCo 2.2.2 does not have; take the element out",
@@ -89,13 +86,6 @@ pub(super) fn flatten(
     Ok(xml)
 }
 
-fn inner<'x>(node: Node<'_, '_>, xml: &'x str) -> &'x str {
-    match (node.first_child(), before_close(node)) {
-        (Some(first), Some(end)) => xml.get(first.range().start..end).unwrap_or_default(),
-        _ => "",
-    }
-}
-
 /// Refuses joints in a frame. They cannot be children of the body that replaces it, because they
 /// would move another body.
 fn no_joints(node: Node<'_, '_>, path: &std::path::Path) -> Result<(), Error> {
@@ -126,8 +116,8 @@ fn frame(
     Ok(format!("<body name=\"frame_{count}\"{attributes}>{}</body>", inner(node, xml)))
 }
 
-/// Makes copies of an element. Copy i is placed by the i-th power of the step, and its names end in
-/// its number.
+/// Makes copies of an element. Copy i is turned by i times the angles and set beside the one before, and its
+/// names end in its number.
 fn replicate(
     node: Node<'_, '_>,
     xml: &str,
@@ -150,31 +140,25 @@ fn replicate(
             _ => Err(preparse::refuse(node, path, format!("{name} takes three numbers"))),
         }
     };
-    let compiler = |name: &str, value: &str| {
-        let root = node.document().root_element();
-        root.children().any(|n| n.has_tag_name("compiler") && n.attribute(name) == Some(value))
-    };
-    let (offset, mut euler) = (three("offset")?, three("euler")?);
-    if !compiler("angle", "radian") {
-        euler = euler.map(f64::to_radians);
-    }
-    // Intrinsic x, y, z, the default order.
-    let axes = [Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis()];
-    let step =
-        axes.iter().zip(euler.iter()).fold(UnitQuaternion::identity(), |q, (axis, angle)| {
-            q * UnitQuaternion::from_axis_angle(axis, *angle)
-        });
-    let digits = count.saturating_sub(1).max(1).to_string().len();
+    let (offset, euler) = (three("offset")?, three("euler")?);
+    let angles = Angles::of(node.document());
+    let childclass = node
+        .attribute("childclass")
+        .map_or_else(String::new, |c| format!(" childclass=\"{}\"", escape(c)));
+    let digits = count.to_string().len();
     let separator = node.attribute("sep").unwrap_or("");
-    let (mut at, mut turned) = (Vector3::zeros(), UnitQuaternion::identity());
+    let mut at = Vector3::zeros();
     let mut out = String::new();
     for i in 0..count {
         let suffix = format!("{separator}{i:0digits$}");
         let [x, y, z] = [at.x, at.y, at.z];
+        let turned = angles.rotation(euler * i as f64).ok_or_else(|| {
+            preparse::refuse(node, path, "eulerseq takes three of x, y, z, X, Y, Z")
+        })?;
         let q = turned.quaternion();
         write!(
             out,
-            "<body name=\"replica_{index}_{i}\" pos=\"{x} {y} {z}\" quat=\"{} {} {} {}\">{}</body>",
+            "<body name=\"replica_{index}_{i}\"{childclass} pos=\"{x} {y} {z}\" quat=\"{} {} {} {}\">{}</body>",
             q.w,
             q.i,
             q.j,
@@ -183,7 +167,6 @@ fn replicate(
         )
         .ok();
         at += turned * offset;
-        turned *= step;
     }
     Ok(out)
 }
@@ -239,11 +222,9 @@ mod tests {
 
     #[test]
     fn what_has_no_equal_names_line_and_way_out() {
-        let e = flat(
-            "<mujoco><worldbody>\n<body><attach model=\"x\" prefix=\"y\"/></body></worldbody></mujoco>",
-        );
+        let e = flat("<mujoco><worldbody>\n<body><flexcomp/></body></worldbody></mujoco>");
         let e = e.unwrap_err().to_string();
-        assert!(e.contains("m.xml:2:7") && e.contains("to_xml"), "{e}");
+        assert!(e.contains("m.xml:2:7") && e.contains("take the element out"), "{e}");
         let e =
             flat("<mujoco><worldbody><body><frame>\n<joint/></frame></body></worldbody></mujoco>");
         assert!(e.unwrap_err().to_string().contains("m.xml:2:1"));

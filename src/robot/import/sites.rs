@@ -85,8 +85,8 @@ fn place(
 ///
 /// # Errors
 /// [`Error::Refused`].
-pub(super) fn check(ties: &[Tie], model: &Arc<Model>, path: &Path) -> Result<(), Error> {
-    if ties.is_empty() {
+pub(super) fn check(draft: &Draft, model: &Arc<Model>, path: &Path) -> Result<(), Error> {
+    if draft.ties.is_empty() {
         return Ok(());
     }
     let mut data = Data::new(model)?;
@@ -95,7 +95,7 @@ pub(super) fn check(ties: &[Tie], model: &Arc<Model>, path: &Path) -> Result<(),
         let site = model.id(Kind::Site, name)?;
         Some(&data.site_xpos()[3 * site..3 * site + 3])
     };
-    for Tie { sites: [a, b], line, column } in ties {
+    for Tie { sites: [a, b], line, column } in &draft.ties {
         // A body that was left out has taken its sites and their ties with it.
         let (Some(from), Some(to)) = (at(a), at(b)) else { continue };
         let apart = from.iter().zip(to).map(|(x, y)| (x - y).powi(2)).sum::<f64>().sqrt();
@@ -105,12 +105,7 @@ pub(super) fn check(ties: &[Tie], model: &Arc<Model>, path: &Path) -> Result<(),
                  default (ref, or pos and quat of the bodies) in which the loop is closed",
                 1e3 * apart
             );
-            return Err(Error::Refused {
-                message,
-                line: *line,
-                column: *column,
-                path: path.to_owned(),
-            });
+            return Err(preparse::refuse_at(&draft.xml, (*line, *column), path, message));
         }
     }
     Ok(())
