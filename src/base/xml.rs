@@ -41,22 +41,32 @@ pub fn numbers<T: std::str::FromStr>(text: &str) -> Option<Vec<T>> {
 /// [`Error`] with the place of the mistake.
 pub fn parse(text: &str, elements: usize) -> Result<Document<'_>, Error> {
     count(text)?;
-    // Elements, texts and comments are all nodes; four per element is generous.
-    let nodes_limit = u32::try_from(elements.saturating_mul(4)).unwrap_or(u32::MAX);
-    let options = ParsingOptions { nodes_limit, ..ParsingOptions::default() };
-    Document::parse_with_options(text, options).map_err(|e| {
+    Document::parse_with_options(text, options(elements)).map_err(|e| {
         let message = match &e {
             roxmltree::Error::DtdDetected => "a DOCTYPE is not supported; remove it".to_owned(),
             roxmltree::Error::NodesLimitReached => format!("more than {elements} elements"),
             roxmltree::Error::UnknownNamespace(ns, _) if ns == "xacro" => XACRO.to_owned(),
-            // The parser ends its messages with " at line:col", which our place repeats.
-            other => {
-                let message = other.to_string();
-                message.rsplit_once(" at ").map_or(message.clone(), |(m, _)| m.to_owned())
-            }
+            // Our place repeats the parser's own.
+            other => other.to_string().replace(&format!(" at {}", other.pos()), ""),
         };
         Error { message, line: e.pos().row.max(1), column: e.pos().col.max(1) }
     })
+}
+
+/// The first prefix of a name that the text does not declare, if that is what keeps it from being parsed.
+#[must_use]
+pub fn undeclared(text: &str, elements: usize) -> Option<String> {
+    count(text).ok()?;
+    match Document::parse_with_options(text, options(elements)) {
+        Err(roxmltree::Error::UnknownNamespace(prefix, _)) => Some(prefix),
+        _ => None,
+    }
+}
+
+/// Elements, texts and comments are all nodes; four per element is generous.
+fn options<'a>(elements: usize) -> ParsingOptions<'a> {
+    let nodes_limit = u32::try_from(elements.saturating_mul(4)).unwrap_or(u32::MAX);
+    ParsingOptions { nodes_limit, ..ParsingOptions::default() }
 }
 
 /// The message for a xacro template.

@@ -7,40 +7,64 @@ use nalgebra::DMatrix;
 use super::error::Error;
 use super::profile::Coupling;
 use super::tendons::{tendon_joints, tendon_name};
-use super::ties::{Tie, ties};
-use robert_mujoco::{Data, Kind, Model, index};
+use super::ties::{Tie, joint_ties, ties};
+use robert_mujoco::{Data, Kind, Model, Transmission, index};
 
-/// Joints that one actuator moves together: those of a tendon, and of an equality. With `only_tied`
-/// tendons are left out whose joints other actuators set apart.
-pub(super) fn couplings(model: &Model, only_tied: bool) -> Result<Vec<Coupling>, Error> {
-    let joint_name = |j: usize| model.name(Kind::Joint, j).unwrap_or_default().to_owned();
-    let mut found = Vec::new();
-    let arms = (only_tied && model.ntendon() > 0).then(|| MomentArms::of(model)).transpose()?;
-    for t in 0..model.ntendon() {
-        let members = tendon_joints(model, t);
-        if members.len() < 2 || arms.as_ref().is_some_and(|a| a.moves_each(&members)) {
-            continue;
-        }
-        let limited = model.tendon_limited().get(t).is_some_and(|l| *l != 0);
-        let range = model.tendon_range().get(2 * t..2 * t + 2);
-        found.push(Coupling::Tendon {
-            name: tendon_name(model, t),
-            joints: members.iter().map(|(j, _)| joint_name(*j)).collect(),
-            coefs: members.iter().map(|(_, c)| *c).collect(),
-            range: range.filter(|_| limited).and_then(|r| r.try_into().ok()),
-        });
+/// Joints that one actuator moves together: those of its tendon, and of an equality.
+pub(super) fn couplings(model: &Model) -> Result<Vec<Coupling>, Error> {
+    let arms = (model.ntendon() > 0).then(|| MomentArms::of(model)).transpose()?;
+    let pulled =
+        |t: usize| (0..model.nu()).any(|a| model.transmission(a) == Some(Transmission::Tendon(t)));
+    let apart = |members: &[_]| arms.as_ref().is_some_and(|arms| arms.moves_each(members));
+    let tendons = tendons(model).filter(|(t, members)| pulled(*t) && !apart(members));
+    Ok(tendons
+        .map(|(t, members)| tendon(model, t, &members))
+        .chain(mimics(model, ties(model)))
+        .collect())
+}
+
+/// What older versions took for couplings, from the oldest: every tendon, and tendons whose joints no other
+/// actuators set apart.
+pub(super) fn older(model: &Model) -> Result<[Vec<Coupling>; 2], Error> {
+    let arms = (model.ntendon() > 0).then(|| MomentArms::of(model)).transpose()?;
+    let tied = |members: &[_]| !arms.as_ref().is_some_and(|arms| arms.moves_each(members));
+    let list = |only_tied: bool| -> Vec<Coupling> {
+        let tendons = tendons(model).filter(|(_, members)| !only_tied || tied(members));
+        let tendons = tendons.map(|(t, members)| tendon(model, t, &members));
+        tendons.chain(mimics(model, joint_ties(model))).collect()
+    };
+    Ok([list(false), list(true)])
+}
+
+/// The tendons of several joints.
+fn tendons(model: &Model) -> impl Iterator<Item = (usize, Vec<(usize, f64)>)> {
+    let all = (0..model.ntendon()).map(|t| (t, tendon_joints(model, t)));
+    all.filter(|(_, members)| members.len() > 1)
+}
+
+fn joint_name(model: &Model, joint: usize) -> String {
+    model.name(Kind::Joint, joint).unwrap_or_default().to_owned()
+}
+
+fn tendon(model: &Model, t: usize, members: &[(usize, f64)]) -> Coupling {
+    let limited = model.tendon_limited().get(t).is_some_and(|l| *l != 0);
+    let range = model.tendon_range().get(2 * t..2 * t + 2);
+    Coupling::Tendon {
+        name: tendon_name(model, t),
+        joints: members.iter().map(|(j, _)| joint_name(model, *j)).collect(),
+        coefs: members.iter().map(|(_, c)| *c).collect(),
+        range: range.filter(|_| limited).and_then(|r| r.try_into().ok()),
     }
-    for Tie { follower, leader, polynomial: [offset, multiplier, curve @ ..] } in ties(model) {
-        if curve == [0.0; 3] {
-            found.push(Coupling::Mimic {
-                follower: joint_name(follower),
-                leader: joint_name(leader),
-                offset,
-                multiplier,
-            });
-        }
-    }
-    Ok(found)
+}
+
+fn mimics(model: &Model, ties: Vec<Tie>) -> impl Iterator<Item = Coupling> {
+    let straight = ties.into_iter().filter(|tie| tie.polynomial[2..] == [0.0; 3]);
+    straight.map(|Tie { follower, leader, polynomial: [offset, multiplier, ..] }| Coupling::Mimic {
+        follower: joint_name(model, follower),
+        leader: joint_name(model, leader),
+        offset,
+        multiplier,
+    })
 }
 
 /// How far the actuators pull at each joint in the model's first pose; (nu, nv).

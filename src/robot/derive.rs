@@ -83,7 +83,7 @@ pub(super) fn state_joints(model: &Model, path: &Path) -> Result<Vec<usize>, Err
 pub fn derive(model: &Model, id: &str, path: &Path) -> Result<Profile, Error> {
     let ids = state_joints(model, path)?;
     let actuators = actuators(model);
-    let couplings = couplings(model, true)?;
+    let couplings = couplings(model)?;
     let joints = ids.iter().map(|&j| joint(model, j)).collect::<Vec<_>>();
     let mut poses = BTreeMap::new();
     let home = model.name(Kind::Key, 0).unwrap_or("rest").to_owned();

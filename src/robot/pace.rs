@@ -14,7 +14,7 @@ use super::golden::spread;
 use super::law::Law;
 use super::motors::{ctrlrange, torque_limit};
 use super::tendons::tendon_joints;
-use super::ties;
+use super::{rings, ties};
 use robert_mujoco::{Data, Joint, Model, Transmission, index};
 
 /// Poses beside the default one.
@@ -85,13 +85,13 @@ pub(super) struct Paces {
 /// # Errors
 /// [`Error::Simulator`] where a simulation cannot be made.
 pub(super) fn measure(model: &Arc<Model>) -> Result<Paces, Error> {
-    let count = model.jnt_type().len();
+    let (count, rings) = (model.jnt_type().len(), rings::rings(model));
     let mut left = WORK / size(model).max(1);
     let (mut joints, mut cut) = (Vec::with_capacity(count), None::<usize>);
     for joint in 0..count {
         // What a joint leaves, because it was soon as fast as it gets, is for those after it.
         let mut share = Share::new(left / (count - joint));
-        joints.push(one(model, joint, &mut share)?);
+        joints.push(one(model, &rings, joint, &mut share)?);
         left = left.saturating_sub(share.used);
         if share.is_cut {
             cut = Some(cut.map_or(share.most, |c| c.min(share.most)));
@@ -136,12 +136,20 @@ fn size(model: &Model) -> usize {
 }
 
 /// The pace of one joint.
-fn one(model: &Arc<Model>, joint: usize, share: &mut Share) -> Result<Pace, Error> {
+fn one(
+    model: &Arc<Model>,
+    rings: &[Vec<usize>],
+    joint: usize,
+    share: &mut Share,
+) -> Result<Pace, Error> {
     let dof = model.jnt_dofadr()[joint] as usize;
     let mut held = model.duplicate()?;
     held.set_contacts(false);
     let mut damping = held.dof_damping().to_vec();
-    let together = coupled(model, joint);
+    let mut together = coupled(model, joint);
+    // What a loop carries along must be free to move; its other motors hold.
+    let ring = rings::around(rings, joint);
+    together.extend(ring.iter().filter(|j| !has_motor(model, **j)));
     for (j, adr) in model.jnt_dofadr().iter().enumerate() {
         if !together.contains(&j) {
             damping[*adr as usize] = HELD;
@@ -150,13 +158,16 @@ fn one(model: &Arc<Model>, joint: usize, share: &mut Share) -> Result<Pace, Erro
     held.set_damping(&damping)?;
     let mut data = Data::new(&Arc::new(held))?;
     let (mut speeds, mut accelerations) = (Vec::new(), Vec::new());
-    for k in 0..=POSES {
+    for k in 0..=if ring.is_empty() { POSES } else { 0 } {
         if !share.has_room() {
             break;
         }
         let mut slower: Option<Run> = None;
         for up in [true, false] {
-            let Some(qpos) = start(model, joint, k, up) else { return Ok(Pace::Unknown) };
+            let Some(qpos) = start(model, rings, joint, k, up) else { return Ok(Pace::Unknown) };
+            if !ring.is_empty() && !has_way(model, joint, up) {
+                continue;
+            }
             data.reset()?;
             data.set_qpos(&qpos)?;
             data.forward()?;
@@ -241,6 +252,19 @@ fn coupled(model: &Model, joint: usize) -> Vec<usize> {
     all
 }
 
+/// Whether a motor acts on the joint itself.
+fn has_motor(model: &Model, joint: usize) -> bool {
+    (0..model.nu()).any(|a| model.transmission(a) == Some(Transmission::Joint(joint)))
+}
+
+/// Whether a joint at its default has a tenth of its range left in one direction.
+fn has_way(model: &Model, joint: usize, up: bool) -> bool {
+    let [lo, hi] = room(model, joint);
+    let at = model.qpos0()[model.jnt_qposadr()[joint] as usize];
+    let left = if up { hi - at } else { at - lo };
+    left >= 0.1 * (hi - lo)
+}
+
 /// The interval in which a joint may move: its range, or the room about its default.
 fn room(model: &Model, joint: usize) -> [f64; 2] {
     if model.jnt_limited()[joint] != 0 {
@@ -251,12 +275,22 @@ fn room(model: &Model, joint: usize) -> [f64; 2] {
     [at - half, at + half]
 }
 
-/// Pose `k`, with the joint a quarter of its range from the near stop; pose 0 is the default one.
-fn start(model: &Model, joint: usize, k: usize, up: bool) -> Option<Vec<f64>> {
+/// Pose `k`, with the joint a quarter of its range from the near stop; pose 0 is the default one. Loops are
+/// closed in their default pose only, so their joints stay there.
+fn start(
+    model: &Model,
+    rings: &[Vec<usize>],
+    joint: usize,
+    k: usize,
+    up: bool,
+) -> Option<Vec<f64>> {
     let mut qpos = model.qpos0().to_vec();
     for j in 0..model.jnt_type().len() {
         let [lo, hi] = room(model, j);
         let at = model.jnt_qposadr()[j] as usize;
+        if rings.iter().any(|ring| ring.contains(&j)) {
+            continue;
+        }
         if j == joint {
             let quarter = 0.25 * (hi - lo);
             qpos[at] = if up { lo + quarter } else { hi - quarter };
@@ -392,6 +426,22 @@ mod tests {
             <actuator><motor joint="lift" ctrllimited="true" ctrlrange="-100 100"/></actuator></mujoco>"#;
         let Pace::Moves { speed, .. } = paces(lift)[0] else { panic!() };
         assert!((0.015..0.04).contains(&speed), "{speed}");
+    }
+
+    #[test]
+    fn a_loop_moves_with_the_one_motor_that_drives_it() {
+        // A parallelogram: three joints of the loop have no motor, and holding one would stop it.
+        let four_bar = r#"<mujoco><compiler angle="radian"/><option timestep=".005" gravity="0 0 0"/>
+            <default><joint axis="0 1 0" damping=".01"/><geom type="capsule" size=".01" mass=".1"/></default><worldbody>
+            <body><joint name="crank" damping="2" range="-1 1" limited="true"/><geom fromto="0 0 0 0 0 .2"/>
+              <body name="rod_body" pos="0 0 .2"><joint name="rod"/><geom fromto="0 0 0 .3 0 0"/></body></body>
+            <body pos=".3 0 0"><joint name="rocker"/><geom fromto="0 0 0 0 0 .2"/><body name="end" pos="0 0 .2"/></body>
+            </worldbody><equality><connect body1="end" body2="rod_body" anchor="0 0 0"/></equality>
+            <actuator><motor joint="crank" ctrllimited="true" ctrlrange="-2 2"/></actuator></mujoco>"#;
+        let [Pace::Moves { speed, .. }, ..] = paces(four_bar)[..] else {
+            panic!("{:?}", paces(four_bar));
+        };
+        assert!((0.7..1.1).contains(&speed), "{speed}: 2 N m spent by 2 N m s/rad");
     }
 
     #[test]

@@ -6,12 +6,15 @@
 //! without includes and a list of files, all inside the project folder.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::iter::zip;
 use std::path::{Component, Path, PathBuf};
 
 use roxmltree::{Document, Node};
 
 use super::error::{Error, line_column};
+use super::origin::Origin;
 use super::text::Edits;
+use super::{foreign, lenient};
 use super::{mesh, text};
 use robert_base::fsio;
 use robert_base::limits;
@@ -51,6 +54,8 @@ pub struct Project {
     pub assets: Vec<AssetRef>,
     /// Number of files that were read for the text.
     pub parts: usize,
+    /// Names of elements and attributes of other programs (`drake:joint`), which are left out.
+    pub foreign: BTreeSet<String>,
 }
 
 /// Reads and checks a model file. `root` is the folder that must contain its includes and meshes;
@@ -70,6 +75,7 @@ pub fn read(path: &Path, root: Option<&Path>) -> Result<Project, Error> {
         let message = "this is not XML; a model is a URDF or an MJCF".to_owned();
         return Err(Error::Refused { message, line: 1, column: 1, path: path.to_owned() });
     }
+    let (xml, foreign) = foreign::without(xml, path)?;
     let doc = parse(&xml, path)?;
     let name = doc.root_element().tag_name().name();
     let format = match name {
@@ -85,17 +91,19 @@ pub fn read(path: &Path, root: Option<&Path>) -> Result<Project, Error> {
     };
     if format == Format::Urdf {
         check(&doc, path)?;
-        return Ok(Project { format, xml, path: path.into(), root, assets: Vec::new(), parts: 1 });
+        drop(doc);
+        let assets = Vec::new();
+        return Ok(Project { format, xml, path: path.into(), root, assets, parts: 1, foreign });
     }
-    let mut splice =
-        Splice { dir: dir.to_owned(), root: &root, seen: BTreeSet::new(), elements: 0, bytes: 0 };
+    let seen = BTreeSet::new();
+    let mut splice = Splice { dir: dir.into(), root: &root, seen, foreign, elements: 0, bytes: 0 };
     let xml = splice.expand(&xml, path, 0)?;
-    let parts = splice.seen.len() + 1;
+    let (parts, foreign) = (splice.seen.len() + 1, std::mem::take(&mut splice.foreign));
     // Places in the assembled text are those of the file unless something was included.
     let doc = parse(&xml, path)?;
     let assets = assets(&doc, path, dir, &root)?;
     drop(doc);
-    Ok(Project { format, xml, path: path.into(), root, assets, parts })
+    Ok(Project { format, xml, path: path.into(), root, assets, parts, foreign })
 }
 
 /// The files of a text that was changed after it was read, with all checks made again.
@@ -135,7 +143,8 @@ fn read_text(path: &Path) -> Result<String, Error> {
     if text.trim().is_empty() {
         return Err(refused("the file is empty".into(), &text, 0));
     }
-    Ok(without_late_declaration(text.trim_start_matches('\u{feff}')))
+    let text = lenient::mended(text.trim_start_matches('\u{feff}'));
+    Ok(without_late_declaration(&text))
 }
 
 /// The text with an XML declaration that comes after blank lines blanked out: other programs
@@ -192,38 +201,6 @@ pub(super) fn refuse_at(
     }
 }
 
-/// Where a line of a changed text comes from.
-pub(super) enum Origin {
-    /// This line of the file, from 1.
-    Line(u32),
-    /// The file does not have the line: an include or an attached model has it, or it was written anew.
-    Excerpt(String),
-}
-
-impl Origin {
-    /// Looks a line of `text` up in the file. Includes, frames and replicas move lines, other changes do
-    /// not.
-    pub(super) fn of(text: &str, line: u32, column: u32, path: &Path) -> Origin {
-        let Ok(source) = read_text(path) else { return Origin::Line(line) };
-        if source.lines().count() == text.lines().count() {
-            return Origin::Line(line);
-        }
-        let at = usize::try_from(line).unwrap_or(usize::MAX).saturating_sub(1);
-        let whole = text.lines().nth(at).unwrap_or_default();
-        let words = whole.trim();
-        let mut alike = (1..).zip(source.lines()).filter(|(_, other)| other.trim() == words);
-        match (alike.next(), alike.next()) {
-            (Some((line, _)), None) if !words.is_empty() => Origin::Line(line),
-            _ => {
-                let column = usize::try_from(column).unwrap_or(usize::MAX).saturating_sub(1);
-                let from = whole.chars().skip(column).collect::<String>();
-                let tag = from.split_inclusive('>').next().unwrap_or_default();
-                Origin::Excerpt(tag.trim().chars().take(120).collect())
-            }
-        }
-    }
-}
-
 fn folder(path: &Path) -> &Path {
     match path.parent() {
         Some(p) if !p.as_os_str().is_empty() => p,
@@ -237,6 +214,7 @@ struct Splice<'a> {
     dir: PathBuf,
     root: &'a Path,
     seen: BTreeSet<PathBuf>,
+    foreign: BTreeSet<String>,
     elements: usize,
     bytes: u64,
 }
@@ -288,7 +266,8 @@ impl Splice<'_> {
                     format!("\"{file}\" is included twice or by itself"),
                 ));
             }
-            let text = read_text(&found)?;
+            let (text, foreign) = foreign::without(read_text(&found)?, &found)?;
+            self.foreign.extend(foreign);
             let inner = self.expand(&text, &found, deep + 1)?;
             let part = parse(&inner, &found)?;
             edits.replace(node.range(), text::inner(part.root_element(), &inner));
@@ -325,10 +304,17 @@ pub(super) fn resolve(dir: &Path, written: &str, root: &Path) -> Result<PathBuf,
         return Err(Refused("the file name is empty or too long".into()));
     }
     let plain = written.replace('\\', "/");
-    let wide = || {
+    let wide = |there: &Path| {
+        let whole: PathBuf = zip(root.components(), there.components())
+            .take_while(|(a, b)| a == b)
+            .map(|(part, _)| part)
+            .collect();
+        // The root of the disk is no folder of a project.
+        let whole = if whole.components().count() > 1 { whole } else { PathBuf::from("DIR") };
         Refused(format!(
-            "\"{written}\" is outside the project folder {}; use --root DIR to name a folder that contains everything",
-            root.display()
+            "\"{written}\" is outside the project folder {}; name a folder that contains everything: --root {}",
+            root.display(),
+            whole.display()
         ))
     };
     let path = dir.join(&plain);
@@ -341,20 +327,20 @@ pub(super) fn resolve(dir: &Path, written: &str, root: &Path) -> Result<PathBuf,
                 lexical.pop();
             }
             Component::CurDir => {}
-            Component::Prefix(_) => return Err(wide()),
+            Component::Prefix(_) => return Err(wide(Path::new(""))),
             Component::RootDir => lexical.push("/"),
             Component::Normal(p) => lexical.push(p),
         }
     }
     if !lexical.starts_with(root) {
-        return Err(wide());
+        return Err(wide(&lexical));
     }
     let real = path.canonicalize().map_err(|e| match e.kind() {
         std::io::ErrorKind::NotFound => Missing(format!("\"{written}\" does not exist")),
         _ => Refused(format!("\"{written}\" cannot be opened: {e}")),
     })?;
     if !real.starts_with(root) {
-        return Err(wide());
+        return Err(wide(&real));
     }
     if !real.is_file() {
         return Err(Refused(format!("\"{written}\" is not a file")));

@@ -1,9 +1,12 @@
-//! Joints that an equality of the model ties to another.
+//! Joints that an equality of the model ties to another: directly, or by a tendon that keeps its length.
 
-use robert_mujoco::Model;
+use super::tendons::tendon_joints;
+use robert_mujoco::{Model, Transmission};
 
 /// `mjEQ_JOINT`.
-pub(super) const EQ_JOINT: i32 = 2;
+const EQ_JOINT: i32 = 2;
+/// `mjEQ_TENDON`.
+const EQ_TENDON: i32 = 3;
 
 /// A joint that follows another.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,15 +29,56 @@ impl Tie {
 
 /// The ties of a model that are active.
 pub(super) fn ties(model: &Model) -> Vec<Tie> {
-    let tie = |e: usize| {
-        let [follower, leader] = [model.eq_obj1id()[e], model.eq_obj2id()[e]];
-        let polynomial = model.eq_data()[11 * e..11 * e + 5].try_into().ok()?;
-        // A joint that an equality holds where it is has no leader.
-        let (follower, leader) = (follower.try_into().ok()?, leader.try_into().ok()?);
-        Some(Tie { follower, leader, polynomial })
+    let active = |e: &usize| model.eq_active()[*e] != 0;
+    let tie = |e: usize| match model.eq_type()[e] {
+        EQ_JOINT => by_equality(model, e),
+        EQ_TENDON => by_tendon(model, e),
+        _ => None,
     };
+    (0..model.neq()).filter(active).filter_map(tie).collect()
+}
+
+/// The ties that an equality makes between two joints directly.
+pub(super) fn joint_ties(model: &Model) -> Vec<Tie> {
     let is = |e: &usize| model.eq_type()[*e] == EQ_JOINT && model.eq_active()[*e] != 0;
-    (0..model.neq()).filter(is).filter_map(tie).collect()
+    (0..model.neq()).filter(is).filter_map(|e| by_equality(model, e)).collect()
+}
+
+/// Joints that an equality holds where they are.
+pub(super) fn held(model: &Model) -> Vec<usize> {
+    let is = |e: &usize| {
+        model.eq_type()[*e] == EQ_JOINT && model.eq_active()[*e] != 0 && model.eq_obj2id()[*e] < 0
+    };
+    (0..model.neq()).filter(is).filter_map(|e| model.eq_obj1id()[e].try_into().ok()).collect()
+}
+
+fn by_equality(model: &Model, e: usize) -> Option<Tie> {
+    let [follower, leader] = [model.eq_obj1id()[e], model.eq_obj2id()[e]];
+    let polynomial = model.eq_data()[11 * e..11 * e + 5].try_into().ok()?;
+    // A joint that an equality holds where it is has no leader.
+    let (follower, leader) = (follower.try_into().ok()?, leader.try_into().ok()?);
+    Some(Tie { follower, leader, polynomial })
+}
+
+/// Two joints of a tendon that keeps its length. The one with a motor leads, or else the first in the model.
+fn by_tendon(model: &Model, e: usize) -> Option<Tie> {
+    let (tendon, other) = (model.eq_obj1id()[e], model.eq_obj2id()[e]);
+    let members = tendon_joints(model, tendon.try_into().ok()?);
+    let [mut lead, mut follow] = members.try_into().ok()?;
+    if other >= 0 || lead.1 == 0.0 || follow.1 == 0.0 {
+        return None;
+    }
+    let has_motor = |joint: usize| {
+        (0..model.nu()).any(|a| model.transmission(a) == Some(Transmission::Joint(joint)))
+    };
+    let rank = |joint: usize| (!has_motor(joint), joint);
+    if rank(follow.0) < rank(lead.0) {
+        std::mem::swap(&mut lead, &mut follow);
+    }
+    // The lengths of tendons are zero where the coordinates of their joints are.
+    let longer = model.eq_data()[11 * e];
+    let polynomial = [longer / follow.1, -lead.1 / follow.1, 0.0, 0.0, 0.0];
+    Some(Tie { follower: follow.0, leader: lead.0, polynomial })
 }
 
 /// The joints that move with `joint` by ties, also through others: joint number, and how far it moves
@@ -87,6 +131,27 @@ pub(super) fn place(model: &Model, joint: usize, qpos: &mut [f64]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_tendon_that_keeps_its_length_ties_its_joints() {
+        let joint = |name: &str| {
+            format!("<body><joint name=\"{name}\" axis=\"0 1 0\"/><geom size=\".1\"/></body>")
+        };
+        let bodies: String = ["a", "b", "c"].map(joint).concat();
+        let model = Model::from_xml(&format!(
+            r#"<mujoco><worldbody>{bodies}</worldbody>
+            <tendon><fixed name="held"><joint joint="b" coef=".02"/><joint joint="c" coef="-.01"/></fixed>
+              <fixed name="free"><joint joint="a" coef="1"/><joint joint="b" coef="1"/></fixed></tendon>
+            <equality><tendon tendon1="held"/></equality><actuator><motor joint="c"/></actuator></mujoco>"#
+        ))
+        .unwrap();
+        // The motor's joint leads, and b moves half as far in the same direction.
+        let [Tie { follower: 1, leader: 2, polynomial }] = ties(&model)[..] else {
+            panic!("{:?}", ties(&model));
+        };
+        assert_eq!(polynomial, [0.0, 0.5, 0.0, 0.0, 0.0]);
+        assert!(joint_ties(&model).is_empty());
+    }
 
     #[test]
     fn chains_of_ties_move_together_from_either_end() {

@@ -267,8 +267,8 @@ impl<'a, 'd> Reader<'a, 'd> {
 
     fn inertial(&self, node: Node<'a, 'd>) -> Result<Inertial, Error> {
         let mass = self.number(self.needed(node, "mass")?, "value")?;
-        let at = self.needed(node, "inertia")?;
-        let entry = |name| self.number(at, name);
+        let at = self.child(node, "inertia");
+        let entry = |name| at.map_or(Ok(0.0), |at| self.number(at, name));
         Ok(Inertial {
             origin: self.origin(node)?,
             mass,

@@ -212,12 +212,10 @@ fn slide_ranges(
     ranges.into_iter().map(|(name, [lo, hi])| (name.clone(), format!("{lo} {hi}"))).collect()
 }
 
-/// Whether an equality ties the joint to another one.
+/// Whether an equality moves the joint, or holds it where it is.
 fn follows(model: &Model, joint: usize) -> bool {
-    (0..model.neq()).any(|e| {
-        model.eq_type().get(e) == Some(&crate::ties::EQ_JOINT)
-            && model.eq_obj1id().get(e).and_then(|v| usize::try_from(*v).ok()) == Some(joint)
-    })
+    crate::ties::ties(model).iter().any(|tie| tie.follower == joint)
+        || crate::ties::held(model).contains(&joint)
 }
 
 /// The motor in place of an actuator; `undamped` if its damping is that of its joint now.

@@ -36,6 +36,7 @@ use std::sync::Arc;
 
 pub use config::{Drives, ImportConfig, Report, Servos};
 
+use super::origin::Origin;
 use super::pace::{self, Pace};
 use super::{Assets, Error, MODEL_FILE, PROFILE_FILE, Robot, check, derive, preparse, profile};
 use draft::Draft;
@@ -189,6 +190,10 @@ fn drafted(config: &ImportConfig) -> Result<(preparse::Project, Draft), Error> {
         preparse::Format::Mjcf => mjcf::draft(&project, config)?,
         preparse::Format::Urdf => urdf::draft(&project, config)?,
     };
+    if !project.foreign.is_empty() {
+        let names: Vec<&str> = project.foreign.iter().map(String::as_str).collect();
+        draft.dropped.push(format!("parts for other programs: {}", names.join(", ")));
+    }
     draft.changed.extend(remarks.changed);
     draft.warnings.extend(remarks.warnings);
     Ok((project, draft))
@@ -279,9 +284,9 @@ fn named(e: Error, drafted: &Path, text: &str, project: &preparse::Project) -> E
                 Some(line) => {
                     // The simulator's own number is that of the draft.
                     let what = what.replace(&format!(", line {line}"), "");
-                    match preparse::Origin::of(text, line, 1, source) {
-                        preparse::Origin::Line(line) => format!("{to}:{line}:1: {what}"),
-                        preparse::Origin::Excerpt(tag) => {
+                    match Origin::of(text, line, 1, source) {
+                        Origin::Line(line) => format!("{to}:{line}:1: {what}"),
+                        Origin::Excerpt(tag) => {
                             format!("{to}: {what}; the line is {tag}")
                         }
                     }

@@ -48,6 +48,13 @@ pub(super) fn heal(draft: &mut Draft, error: &Error, path: &Path) -> Result<bool
     if message.contains("unknown default c") {
         return classes(draft, path);
     }
+    for kind in ["light", "camera"] {
+        if let Some((_, rest)) = message.split_once(&format!("parent-targeting in {kind} '"))
+            && let Some((name, _)) = rest.split_once('\'')
+        {
+            return still(draft, kind, name, path);
+        }
+    }
     if let Some((_, rest)) = message.split_once("faces have inconsistent orientation: ") {
         return faces(draft, rest.split(';').next().unwrap_or(rest), path);
     }
@@ -87,6 +94,22 @@ fn stateless_first(draft: &mut Draft, path: &Path) -> Result<bool, Error> {
         "actuators with dynamics (muscles, cylinders, filters) come last in the action".to_owned(),
     );
     draft.xml = xml;
+    Ok(true)
+}
+
+/// Takes the target from a light or camera that looks at its own body, which 2.2.2 refuses.
+fn still(draft: &mut Draft, kind: &str, name: &str, path: &Path) -> Result<bool, Error> {
+    let doc = preparse::parse(&draft.xml, path)?;
+    let is = |n: &Node<'_, '_>| n.has_tag_name(kind) && n.attribute("name") == Some(name);
+    let Some(node) = doc.descendants().find(|n| is(n) && n.has_attribute("target")) else {
+        return Ok(false);
+    };
+    let mut edits = Edits::default();
+    ["target", "mode"].iter().for_each(|attribute| edits.unset(node, attribute));
+    let xml = edits.apply(&draft.xml);
+    drop(doc);
+    draft.xml = xml;
+    draft.dropped.push(format!("target of {kind} \"{name}\": its own body"));
     Ok(true)
 }
 

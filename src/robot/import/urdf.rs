@@ -25,6 +25,8 @@ const ARMATURE: f64 = 0.01;
 /// The most of it per unit of the torque limit, s^2, so that a small motor has a small rotor. An added
 /// drive has as much.
 const ARMATURE_OF_LIMIT: f64 = 0.003;
+/// Density that is assumed for what the file gives no inertia, kg/m^3.
+const DENSITY: f64 = 1000.0;
 /// Mass and inertia of moving links that have neither inertia nor collision shapes.
 const GHOST: (f64, f64) = (1e-3, 1e-6);
 /// The simulator takes a principal moment below this for none, kg m^2.
@@ -259,7 +261,7 @@ impl<'a> Tree<'a> {
                 .ok();
             } else if weighs {
                 self.draft.assumed.push(format!(
-                    "link \"{}\" has no inertia: that of its collision shapes at 1000 kg/m^3",
+                    "link \"{}\" has no inertia: that of its collision shapes at {DENSITY} kg/m^3",
                     link.name
                 ));
             }
@@ -275,8 +277,14 @@ impl<'a> Tree<'a> {
         let broken = lo < LEAST_MOMENT || 2.0 * moments.max() > sum * (1.0 + 1e-9);
         let [x, y, z] = i.origin.xyz;
         let values = if broken {
-            let mean = (sum / 3.0).max(1e-9);
-            let why = if lo > 0.0 && lo < LEAST_MOMENT {
+            let radius = (3.0 * i.mass / (4.0 * std::f64::consts::PI * DENSITY)).cbrt();
+            let ball = 0.4 * i.mass * radius.powi(2);
+            let mean = if sum == 0.0 { ball } else { sum / 3.0 }.max(1e-9);
+            let why = if sum == 0.0 {
+                format!(
+                    "it has a mass and no inertia; {mean:.3e} kg m^2, as a ball of {DENSITY} kg/m^3"
+                )
+            } else if lo > 0.0 && lo < LEAST_MOMENT {
                 format!("its inertia is less than the simulator takes; {mean} kg m^2 instead")
             } else {
                 "no body can have its inertia; made round with the same trace".to_owned()
@@ -593,9 +601,12 @@ impl<'a> Tree<'a> {
                 found => found,
             }
         };
+        // A path of the machine on which the file was written is no attempt to look around on this one.
+        let elsewhere = Path::new(filename).is_absolute();
         let found = |file| match file {
             Ok(file) => Ok(Ok(file)),
             Err(Unresolved::Missing(why)) => Ok(Err(why)),
+            Err(Unresolved::Refused(why)) if elsewhere => Ok(Err(why)),
             Err(Unresolved::Refused(why)) => Err(refuse(why)),
         };
         let dir = self

@@ -62,6 +62,7 @@ fn whole(
     let text = joined(&project, &models, remarks)?;
     drop(doc);
     project.parts += models.by_name.values().map(|m| m.project.parts).sum::<usize>();
+    models.by_name.values().for_each(|m| project.foreign.extend(m.project.foreign.clone()));
     project.assets = preparse::again(&text, source, &project.root)?;
     project.xml = text;
     Ok(project)

@@ -1,0 +1,44 @@
+//! The joints on closed loops: those between two bodies that a `<connect>` or `<weld>` ties.
+
+use robert_mujoco::{Model, index};
+
+/// `mjEQ_CONNECT` and `mjEQ_WELD`.
+const BETWEEN_BODIES: [i32; 2] = [0, 1];
+
+/// The joints of each closed loop of a model.
+pub(super) fn rings(model: &Model) -> Vec<Vec<usize>> {
+    let ties =
+        |e: &usize| BETWEEN_BODIES.contains(&model.eq_type()[*e]) && model.eq_active()[*e] != 0;
+    let ring = |e: usize| {
+        let [a, b] = [model.eq_obj1id()[e], model.eq_obj2id()[e]].map(|id| above(model, index(id)));
+        let lone = a.iter().filter(|j| !b.contains(j)).chain(b.iter().filter(|j| !a.contains(j)));
+        lone.copied().collect::<Vec<_>>()
+    };
+    (0..model.neq()).filter(ties).map(ring).filter(|ring| !ring.is_empty()).collect()
+}
+
+/// The joints of all loops that hang together with this joint's; empty if it is on none.
+pub(super) fn around(rings: &[Vec<usize>], joint: usize) -> Vec<usize> {
+    let mut all = vec![joint];
+    let mut next = 0;
+    while let Some(&here) = all.get(next) {
+        next += 1;
+        for other in rings.iter().filter(|ring| ring.contains(&here)).flatten() {
+            if !all.contains(other) {
+                all.push(*other);
+            }
+        }
+    }
+    if all.len() == 1 { Vec::new() } else { all }
+}
+
+/// The joints that move a body.
+fn above(model: &Model, mut body: usize) -> Vec<usize> {
+    let mut joints = Vec::new();
+    while body > 0 {
+        let of = |j: &usize| index(model.jnt_bodyid()[*j]) == body;
+        joints.extend((0..model.jnt_type().len()).filter(of));
+        body = index(model.body_parentid()[body]);
+    }
+    joints
+}
