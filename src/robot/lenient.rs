@@ -29,7 +29,6 @@ pub(super) fn mended(text: &str) -> Cow<'_, str> {
             for (i, c) in rest.char_indices() {
                 match quote {
                     Some(q) if c == q => quote = None,
-                    Some(_) => {}
                     None if c == '"' || c == '\'' => quote = Some(c),
                     None if c == '>' => {
                         at = open + i + 1;
@@ -40,7 +39,7 @@ pub(super) fn mended(text: &str) -> Cow<'_, str> {
                         out.push(' ');
                         copied = open + i;
                     }
-                    None => {}
+                    _ => {}
                 }
                 last = c;
             }
