@@ -622,8 +622,8 @@ fn pointers_of_git_lfs_are_named_and_can_be_left_out() {
         said.contains("\"finger.dae\" is a pointer of Git LFS") && said.contains("git lfs pull"),
         "{said}"
     );
-    let dropped = notes(&import(&["--without-meshes"]).succeeds().json(), "dropped");
-    assert!(dropped.contains("collision mesh \"finger.dae\" of link \"left\""), "{dropped}");
+    let warned = notes(&import(&["--without-meshes"]).succeeds().json(), "warnings");
+    assert!(warned.contains("collision mesh \"finger.dae\" of link \"left\""), "{warned}");
 }
 
 #[test]
@@ -750,6 +750,14 @@ fn addresses_without_a_package_and_shapes_without_size_are_read() {
     let v = ran.json();
     assert_eq!(v["files"], 2);
     assert!(notes(&v, "dropped").contains("collision shape of link \"left\": its size is 0"));
+    let beside =
+        GRIPPER.replace("package://gripper_description/meshes/Arm.STL", "package://Arm.STL");
+    let ran = robert()
+        .file("g.urdf", &beside)
+        .file("Arm.STL", tetrahedron_stl())
+        .args(["import", "g.urdf", "--out", "bot", "--json"])
+        .succeeds();
+    assert_eq!(ran.json()["files"], 1);
     // A mesh that is only drawn may be missing, one that collides may not.
     let gone =
         GRIPPER.replace("package://gripper_description/meshes/Arm.STL", "package:///gone.STL");
@@ -778,7 +786,7 @@ fn addresses_without_a_package_and_shapes_without_size_are_read() {
         )
         .args(["import", "g.urdf", "--out", "bot", "--without-meshes", "--json"])
         .succeeds();
-    assert!(notes(&ran.json(), "dropped").contains("collision mesh \"no.STL\" of link \"arm\""));
+    assert!(notes(&ran.json(), "warnings").contains("collision mesh \"no.STL\" of link \"arm\""));
     // A link that only a missing mesh would give its weight moves all the same.
     let weightless = gone
         .replace("<cylinder radius=\".05\" length=\".4\"/>", "<mesh filename=\"no.STL\"/>")

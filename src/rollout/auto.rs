@@ -31,6 +31,9 @@ use robert_clip::Command;
 use robert_net::Model;
 use robert_robot::{PlantConfig, Robot};
 
+/// The share by which the Precision of the chosen motion may be worse than that of proportional control.
+const FARTHER: f64 = 0.03;
+
 /// The result of one contender.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct Trial {
@@ -66,6 +69,11 @@ impl Trial {
     /// What decides: the smaller the better.
     pub(super) fn score(&self) -> Option<f64> {
         Some(self.precision? + self.gaps)
+    }
+
+    /// The score of a motion whose Precision is not above `limit`.
+    fn score_below(&self, limit: f64) -> Option<f64> {
+        self.score().filter(|_| self.precision.is_some_and(|p| p <= limit))
     }
 }
 
@@ -308,15 +316,26 @@ impl Contenders {
 /// What contenders achieved, and each contender with its rollout, if it could perform.
 type Performances = (Vec<Trial>, Vec<Option<(usize, Rollout)>>);
 
-/// The contender with the smallest sum of error and gap penalty; the first among equals.
+/// The contender with the smallest sum of error and gap penalty among the [`near`] ones; the first among
+/// equals.
 pub(super) fn best(tried: &[Trial]) -> Option<usize> {
-    let scored = tried.iter().enumerate().filter_map(|(at, t)| Some((at, t.score()?)));
+    let limit = near(tried);
+    let scored = tried.iter().enumerate().filter_map(|(at, t)| Some((at, t.score_below(limit)?)));
     scored.min_by(|(_, a), (_, b)| a.total_cmp(b)).map(|(at, _)| at)
 }
 
 /// Whether a policy is better than all that were tried.
 pub(super) fn leads(tried: &[Trial], trial: &Trial) -> bool {
-    trial.score().is_some_and(|s| tried.iter().filter_map(Trial::score).all(|t| s < t))
+    let limit = near(tried);
+    let others = || tried.iter().filter_map(|t| t.score_below(limit));
+    trial.score_below(limit).is_some_and(|s| others().all(|t| s < t))
+}
+
+/// The largest Precision that may be chosen, rad or m. A motion that is farther from its goals than
+/// proportional control is no choice, however natural it is in its gaps.
+fn near(tried: &[Trial]) -> f64 {
+    let pd = tried.iter().find(|t| t.policy == "pd" || t.policy.starts_with("pd+"));
+    pd.and_then(|t| t.precision).map_or(f64::INFINITY, |p| (1.0 + FARTHER) * p)
 }
 
 /// The contenders that repeat the clip, best first.
@@ -421,6 +440,18 @@ mod tests {
     }
 
     /// A fast swing of the light arm, which needs a plan, and what follows from the choice of one.
+    #[test]
+    fn a_motion_that_is_farther_than_proportional_control_is_no_choice() {
+        let pd = Trial { policy: "pd".into(), ..trial(1e-4, 5e-3) };
+        // Natural in its gaps, but it leaves goals that proportional control meets.
+        let smooth = trial(4e-4, 0.0);
+        let tried = [trial(1e-6, 2e-3), pd, smooth.clone()];
+        assert_eq!(best(&tried), Some(0));
+        assert!(!leads(&tried[..2], &smooth));
+        assert!(leads(&tried, &trial(1.02e-4, 0.0)));
+        assert_eq!(best(&tried[2..]), Some(0), "it may be all that there is");
+    }
+
     #[test]
     fn a_planner_is_chosen_where_it_is_clearly_nearer() {
         let robot = Arc::new(Robot::builtin("ur5e_light").unwrap());

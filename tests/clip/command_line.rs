@@ -2,6 +2,8 @@
 
 use std::fs;
 
+use robert::clip::{Clip, Goal};
+
 use crate::run::{Ran, call, robert};
 
 /// A second call in the folder of the first.
@@ -112,6 +114,30 @@ fn conversions_keep_the_command() {
         assert_eq!(code, 0, "{err}");
         let (_, out, _) = again(&ran, &["clip", "diff", "a.clip.json", &back]);
         assert_eq!(out.lines().last(), Some("the commanded motion is the same"), "{end}: {out}");
+    }
+}
+
+#[test]
+fn angles_of_a_csv_may_be_degrees_and_options_of_other_formats_are_refused() {
+    let ran = new_arm();
+    assert_eq!(again(&ran, &["clip", "convert", "a.clip.json", "a.csv"]).0, 0);
+    let csv = fs::read_to_string(ran.path("a.csv")).unwrap();
+    let joint = csv.lines().next().unwrap().split(',').position(|name| name == "elbow").unwrap();
+    let mut rows: Vec<Vec<String>> =
+        csv.lines().map(|row| row.split(',').map(str::to_owned).collect()).collect();
+    rows[1][joint] = "-90".to_owned();
+    let rows: Vec<String> = rows.iter().map(|row| row.join(",")).collect();
+    fs::write(ran.path("b.csv"), rows.join("\n")).unwrap();
+    let to = ["clip", "convert", "b.csv", "b.clip.json", "--like", "a.clip.json"];
+    let (code, _, err) = again(&ran, &[&to[..], &["--degrees"]].concat());
+    assert_eq!(code, 0, "{err}");
+    let clip = Clip::load(&ran.path("b.clip.json")).unwrap();
+    let place = clip.robot.joints.iter().position(|name| name == "elbow").unwrap();
+    let Goal::Q(row) = &clip.keys[0].goal else { panic!("{:?}", clip.keys[0]) };
+    assert!((row[place].unwrap() + std::f64::consts::FRAC_PI_2).abs() < 1e-6, "{row:?}");
+    for option in [&["--fps", "30"][..], &["--thin", "0"], &["--episode", "1"]] {
+        let (code, _, err) = again(&ran, &[&to[..], &["--force"], option].concat());
+        assert!(code == 2 && err.contains(option[0]), "{code} {err}");
     }
 }
 

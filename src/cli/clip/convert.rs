@@ -11,8 +11,9 @@ use super::recorded::{Kind, Recorded};
 use crate::clip::formats::{
     from_command_json, from_csv, from_mjcf, from_ros, to_command_json, to_csv, to_mjcf, to_ros,
 };
-use crate::clip::{Clip, ClipError, Fill, RobotRef};
+use crate::clip::{Clip, ClipError, Fill, Goal, RobotRef};
 use crate::limits;
+use crate::units::Unit;
 
 /// Convert clips from and to other formats.
 ///
@@ -175,6 +176,7 @@ pub(super) fn run(a: &Convert) -> Outcome {
 
 fn read(a: &Convert, from: Format, robot: Option<&RobotRef>) -> Result<Clip, Failure> {
     let place = input::place(&a.input);
+    a.recorded.check(from.recorded(), from == Format::Csv)?;
     if from == Format::Clip {
         let clip = super::files::load(&a.input)?.clip;
         return match robot {
@@ -208,12 +210,27 @@ fn read(a: &Convert, from: Format, robot: Option<&RobotRef>) -> Result<Clip, Fai
     }
     let robot_ref = robot.ok_or_else(whose);
     let clip: Result<Clip, ClipError> = match from {
-        Format::Csv => from_csv(&bytes, Some(robot_ref?), a.fill),
+        Format::Csv => from_csv(&bytes, Some(robot_ref?), a.fill)
+            .map(|clip| in_radians(clip, a.recorded.degrees())),
         Format::Mjcf => from_mjcf(&text()?, robot_ref?, a.fill),
         Format::Ros => from_ros(&text()?, Some(robot_ref?), a.fill),
         _ => from_command_json(&text()?, robot, a.fill),
     };
     Ok(clip.map_err(|e| e.in_file(&place))?)
+}
+
+/// The clip with the angles of its keys converted, if they are `degrees`.
+fn in_radians(mut clip: Clip, degrees: bool) -> Clip {
+    let units = clip.robot.units.clone();
+    for key in clip.keys.iter_mut().filter(|_| degrees) {
+        let Goal::Q(row) = &mut key.goal else { continue };
+        for (j, q) in row.iter_mut().enumerate() {
+            if units.get(j).is_none_or(|unit| *unit == Unit::Rad) {
+                *q = q.map(f64::to_radians);
+            }
+        }
+    }
+    clip
 }
 
 /// The same clip for another robot, or for another version of its model. The clip keeps its own

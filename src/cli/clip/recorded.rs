@@ -25,21 +25,22 @@ pub(super) struct Recorded {
     /// 20); replaces the rate of an npz file.
     #[arg(long, value_name = "HZ")]
     fps: Option<f64>,
-    /// Allowed distance between keys and recorded motion, rad or m; 0 keeps every frame.
-    #[arg(long, value_name = "TOLERANCE", default_value_t = 0.005)]
-    thin: f64,
-    /// The episode of a LeRobot dataset.
-    #[arg(long, default_value_t = 0)]
-    episode: u32,
-    /// The column of a LeRobot dataset.
-    #[arg(long, default_value = "observation.state")]
-    column: String,
-    /// The angles of a LeRobot dataset are degrees.
+    /// Allowed distance between keys and recorded motion, rad or m; 0 keeps every frame. The default is
+    /// 0.005.
+    #[arg(long, value_name = "TOLERANCE")]
+    thin: Option<f64>,
+    /// The episode of a LeRobot dataset, from 0, which is the default.
+    #[arg(long)]
+    episode: Option<u32>,
+    /// The column of a LeRobot dataset; observation.state by default.
+    #[arg(long)]
+    column: Option<String>,
+    /// The angles of a LeRobot dataset or of a CSV are degrees.
     #[arg(long)]
     degrees: bool,
-    /// Order of the joints in an npz file.
-    #[arg(long, value_enum, default_value_t = Order::Mujoco)]
-    bodies: Order,
+    /// Order of the joints in an npz file; mujoco by default.
+    #[arg(long, value_enum)]
+    bodies: Option<Order>,
     /// Rename joints of the file: a file with TOML lines such as elbow_flex = "elbow_joint", the
     /// robot's name last.
     #[arg(long, value_name = "FILE")]
@@ -66,6 +67,31 @@ pub(super) enum Kind {
 }
 
 impl Recorded {
+    /// Whether the angles are degrees.
+    pub(super) fn degrees(&self) -> bool {
+        self.degrees
+    }
+
+    /// Refuses options that an input of this kind does not have; `None` is one that is not recorded motion.
+    pub(super) fn check(&self, kind: Option<Kind>, is_csv: bool) -> Outcome {
+        let of = |kinds: &[Kind]| kind.is_some_and(|kind| kinds.contains(&kind));
+        let given = [
+            ("--fps", self.fps.is_some(), of(&[Kind::Lafan, Kind::Npz])),
+            ("--thin", self.thin.is_some(), kind.is_some()),
+            ("--episode", self.episode.is_some(), of(&[Kind::Lerobot])),
+            ("--column", self.column.is_some(), of(&[Kind::Lerobot])),
+            ("--degrees", self.degrees, is_csv || of(&[Kind::Lerobot])),
+            ("--bodies", self.bodies.is_some(), of(&[Kind::Npz])),
+            ("--rename", self.rename.is_some(), kind.is_some()),
+        ];
+        match given.iter().find(|(_, is_given, is_read)| *is_given && !is_read) {
+            Some((name, ..)) => Err(Failure::usage(format!(
+                "{name} has no meaning for an input of this format; robert clip convert --help says which have it"
+            ))),
+            None => Ok(()),
+        }
+    }
+
     /// The clip of a recording for a robot; `id` is the robot as it was typed.
     pub(super) fn clip(
         &self,
@@ -74,13 +100,14 @@ impl Recorded {
         robot: &RobotRef,
         id: Option<&str>,
     ) -> Outcome<Clip> {
-        if !(0.0..=10.0).contains(&self.thin) {
-            return Err(Failure::usage(format!("--thin takes 0 to 10, not {}", self.thin)));
+        let thin = self.thin.unwrap_or(0.005);
+        if !(0.0..=10.0).contains(&thin) {
+            return Err(Failure::usage(format!("--thin takes 0 to 10, not {thin}")));
         }
         let rename = self.rename.as_deref().map(input::names).transpose()?.unwrap_or_default();
         let place = input::place(path);
         let samples = self.samples(path, kind, robot, id)?;
-        let clip = samples.clip(robot, &rename, self.thin);
+        let clip = samples.clip(robot, &rename, thin);
         Ok(clip.map_err(|e| e.in_file(&place))?)
     }
 
@@ -99,7 +126,7 @@ impl Recorded {
         };
         // The model is loaded before rights are given up.
         let joints = match (kind, self.bodies) {
-            (Kind::Npz, Order::Isaac) => {
+            (Kind::Npz, Some(Order::Isaac)) => {
                 let robot = motion::robot_for(id, &robot.id)?;
                 let order = Skeleton::of(&robot)?.joint_order(Bodies::Isaac);
                 order.iter().map(|j| robot.joints()[*j].name.clone()).collect()
@@ -132,8 +159,8 @@ impl Recorded {
             Kind::Lerobot => {
                 child::confine(&Rights { memory_bytes: Some(MEMORY_BYTES), ..Rights::default() })?;
                 let source = LeRobotSource {
-                    episode: i64::from(self.episode),
-                    column: self.column.clone(),
+                    episode: i64::from(self.episode.unwrap_or(0)),
+                    column: self.column.clone().unwrap_or_else(|| "observation.state".to_owned()),
                     degrees: self.degrees,
                 };
                 from_lerobot(path, &source)?

@@ -11,11 +11,11 @@ const LEVELS: usize = 4;
 const HINT_LEVELS: usize = 8;
 
 /// The parts of a mesh reference: its package, and the file in the package. The package has no name
-/// in `package:///arm.stl`, which some tools write for files beside the URDF.
+/// in `package:///arm.stl` and `package://arm.stl`, which some tools write for files beside the URDF.
 pub(super) fn split(reference: &str) -> Option<(&str, &str)> {
     let rest =
         reference.strip_prefix("package://").or_else(|| reference.strip_prefix("model://"))?;
-    Some(rest.split_once('/').unwrap_or((rest, "")))
+    Some(rest.split_once('/').unwrap_or(("", rest)))
 }
 
 /// Finds the folders of packages that are not in `given`: a folder of the package's name that has a

@@ -553,9 +553,13 @@ impl<'a> Tree<'a> {
     /// Reports once that a mesh is missing in the result.
     fn leave_out(&mut self, filename: &str, link: &str, what: &str, why: &str) {
         if self.said.insert(format!("{filename} {what}")) {
-            self.draft
-                .dropped
-                .push(format!("{what} mesh \"{filename}\" of link \"{link}\": {why}"));
+            let line = format!("{what} mesh \"{filename}\" of link \"{link}\": {why}");
+            // What is only drawn changes no motion.
+            if what == "collision" {
+                self.draft.warnings.push(format!("{line}; the link passes through others there"));
+            } else {
+                self.draft.dropped.push(line);
+            }
         }
     }
 
