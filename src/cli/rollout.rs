@@ -35,6 +35,10 @@ pub(super) struct Args {
     json: bool,
 }
 
+/// The Precision from which poses that cannot be held are looked for, rad or m.
+const SEEN: f64 = 0.005;
+/// The number of such poses that are shown.
+const SHOWN: usize = 3;
 /// The most keys and poses that are settled for `unreachable`: each takes about a hundredth of a
 /// second.
 const SETTLED: usize = 100;
@@ -104,6 +108,9 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let unit = motion::unit(&done.robot);
     let mut text = summary(&done, &precision, unit);
     text.push_str(&tried(&done, unit));
+    if precision.precision.is_some_and(|p| p > SEEN) {
+        text.push_str(&cannot_hold(&unreachable(&done)?, unit));
+    }
     input::say(taken, &text)
 }
 
@@ -162,6 +169,29 @@ fn unreachable(done: &Performed) -> Outcome<Value> {
     Ok(missed.chain(said).collect())
 }
 
+/// The poses among what is [`unreachable`], for people.
+fn cannot_hold(found: &Value, unit: &str) -> String {
+    let all = found.as_array().map(Vec::as_slice).unwrap_or_default();
+    let pose = |one: &Value| -> Option<String> {
+        let span = one["frames"].as_array()?.first()?;
+        let (from, to) = (span[0].as_u64()?, span[1].as_u64()?.saturating_sub(1));
+        let (joint, distance) = (one["joint"].as_str()?, one["distance"].as_f64()?);
+        let frames =
+            if from == to { format!("frame {from}") } else { format!("frames {from} to {to}") };
+        Some(format!("{frames} ({joint} stays {distance:.3} {unit} away)"))
+    };
+    let poses: Vec<String> = all.iter().filter_map(pose).collect();
+    if poses.is_empty() {
+        return String::new();
+    }
+    let more = poses.len().saturating_sub(SHOWN);
+    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+    format!(
+        "\n  the robot cannot hold its poses at {}{more}; robert clip check --simulate says more",
+        poses.iter().take(SHOWN).cloned().collect::<Vec<_>>().join(", ")
+    )
+}
+
 fn summary(done: &Performed, p: &Precision, unit: &str) -> String {
     let rollout = &done.rollout;
     // All rows have one unit, so that they can be compared at a glance.
@@ -180,7 +210,7 @@ fn summary(done: &Performed, p: &Precision, unit: &str) -> String {
     ];
     let worst =
         p.worst.map_or_else(|| "-".to_owned(), |(f, e)| format!("{}, frame {f}", figure(e)));
-    rows.push(("worst frame", worst, ""));
+    rows.push(("worst frame", worst, "the largest mean |error| of a frame"));
     let joints = rollout.robot().joints().iter().zip(&p.per_joint);
     let farthest = joints.filter_map(|(j, e)| Some((j, (*e)?)));
     if let Some((joint, e)) = farthest.max_by(|a, b| a.1.total_cmp(&b.1)) {
