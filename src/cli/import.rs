@@ -15,7 +15,7 @@ use crate::robot::import::{Drives, ImportConfig, Report, Servos, import};
     after_help = "Examples:\n  robert import arm.urdf --out arm --package arm_description=../arm_description\n  robert import scene/hand.xml --root scene/.. --out hand\n  robert robots show ./arm"
 )]
 pub(super) struct Args {
-    /// The model: URDF, or MJCF for MuJoCo 2.2.2.
+    /// The model: URDF or MJCF, also of MuJoCo 3.
     file: PathBuf,
     /// The folder to make.
     #[arg(short, long)]

@@ -20,8 +20,13 @@ pub(super) fn mended(text: &str) -> Cow<'_, str> {
             }
             at = end + 3;
         } else if rest.starts_with("<?") || rest.starts_with("<!") {
-            let Some(end) = find(text, open, ">") else { break };
-            at = end + 1;
+            let close = match () {
+                () if rest.starts_with("<?") => "?>",
+                () if rest.starts_with("<![CDATA[") => "]]>",
+                () => ">",
+            };
+            let Some(end) = find(text, open, close) else { break };
+            at = end + close.len();
         } else {
             let mut quote = None;
             let mut last = ' ';
@@ -67,7 +72,8 @@ mod tests {
             mended(text),
             "<?xml version=\"1.0\"?>\n<a b=\"1\" c='-- \"x\"y'>\n<!-- one == two =-->\n<d e=\"f\"/></a>"
         );
-        let good = "<a b=\"1\" c=\"2\"><!-- well-known --></a>";
+        let good =
+            "<a b=\"1\" c=\"2\"><!-- well-known --><![CDATA[ > <!-- ]]><d e=\"-1\"/><!-- --></a>";
         assert!(matches!(mended(good), Cow::Borrowed(_)));
         assert_eq!(mended("<a b=\"1\"c='2"), "<a b=\"1\" c='2");
     }

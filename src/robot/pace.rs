@@ -13,8 +13,9 @@ use super::Error;
 use super::golden::spread;
 use super::law::Law;
 use super::motors::{ctrlrange, torque_limit};
+use super::rings::rings;
 use super::tendons::tendon_joints;
-use super::{rings, ties};
+use super::ties;
 use robert_mujoco::{Data, Joint, Model, Transmission, index};
 
 /// Poses beside the default one.
@@ -85,13 +86,13 @@ pub(super) struct Paces {
 /// # Errors
 /// [`Error::Simulator`] where a simulation cannot be made.
 pub(super) fn measure(model: &Arc<Model>) -> Result<Paces, Error> {
-    let (count, rings) = (model.jnt_type().len(), rings::rings(model));
+    let (count, groups) = (model.jnt_type().len(), Groups::of(model));
     let mut left = WORK / size(model).max(1);
     let (mut joints, mut cut) = (Vec::with_capacity(count), None::<usize>);
     for joint in 0..count {
         // What a joint leaves, because it was soon as fast as it gets, is for those after it.
         let mut share = Share::new(left / (count - joint));
-        joints.push(one(model, &rings, joint, &mut share)?);
+        joints.push(one(model, &groups, joint, &mut share)?);
         left = left.saturating_sub(share.used);
         if share.is_cut {
             cut = Some(cut.map_or(share.most, |c| c.min(share.most)));
@@ -138,7 +139,7 @@ fn size(model: &Model) -> usize {
 /// The pace of one joint.
 fn one(
     model: &Arc<Model>,
-    rings: &[Vec<usize>],
+    groups: &Groups,
     joint: usize,
     share: &mut Share,
 ) -> Result<Pace, Error> {
@@ -146,10 +147,8 @@ fn one(
     let mut held = model.duplicate()?;
     held.set_contacts(false);
     let mut damping = held.dof_damping().to_vec();
-    let mut together = coupled(model, joint);
-    // What a loop carries along must be free to move; its other motors hold.
-    let ring = rings::around(rings, joint);
-    together.extend(ring.iter().filter(|j| !has_motor(model, **j)));
+    let together = groups.moving_with(joint);
+    let in_ring = together.iter().any(|j| groups.in_ring(*j));
     for (j, adr) in model.jnt_dofadr().iter().enumerate() {
         if !together.contains(&j) {
             damping[*adr as usize] = HELD;
@@ -158,14 +157,14 @@ fn one(
     held.set_damping(&damping)?;
     let mut data = Data::new(&Arc::new(held))?;
     let (mut speeds, mut accelerations) = (Vec::new(), Vec::new());
-    for k in 0..=if ring.is_empty() { POSES } else { 0 } {
+    for k in 0..=if in_ring { 0 } else { POSES } {
         if !share.has_room() {
             break;
         }
         let mut slower: Option<Run> = None;
         for up in [true, false] {
-            let Some(qpos) = start(model, rings, joint, k, up) else { return Ok(Pace::Unknown) };
-            if !ring.is_empty() && !has_way(model, joint, up) {
+            let Some(qpos) = start(model, groups, joint, k, up) else { return Ok(Pace::Unknown) };
+            if in_ring && !has_way(model, joint, up) {
                 continue;
             }
             data.reset()?;
@@ -231,30 +230,70 @@ fn asked_at_most(model: &Model, joint: usize) -> f64 {
     speeds[usize::from(slides)].min((hi - lo) / CROSSING_SECS)
 }
 
-/// The joint, and those coupled to it by a tendon or an equality.
-fn coupled(model: &Model, joint: usize) -> Vec<usize> {
-    let mut tied: Vec<Vec<usize>> = (0..model.ntendon())
-        .map(|t| tendon_joints(model, t).into_iter().map(|(j, _)| j).collect())
-        .collect();
-    tied.extend(ties::ties(model).iter().map(|tie| vec![tie.follower, tie.leader]));
-    let mut all = vec![joint];
-    let mut next = 0;
-    while let Some(&j) = all.get(next) {
-        next += 1;
-        for tie in tied.iter().filter(|t| t.contains(&j)) {
-            for other in tie {
-                if !all.contains(other) {
-                    all.push(*other);
+/// The joints that move together.
+struct Groups {
+    /// Joints of each tendon, and of each tie.
+    tied: Vec<Vec<usize>>,
+    /// Joints of each closed loop.
+    rings: Vec<Vec<usize>>,
+    /// The groups of each joint: places in `tied`, and in `rings`.
+    of: Vec<[Vec<usize>; 2]>,
+    /// Whether a motor acts on each joint itself.
+    has_motor: Vec<bool>,
+}
+
+impl Groups {
+    fn of(model: &Model) -> Groups {
+        let tendons = (0..model.ntendon())
+            .map(|t| tendon_joints(model, t).into_iter().map(|(j, _)| j).collect());
+        let ties = ties::ties(model).into_iter().map(|tie| vec![tie.follower, tie.leader]);
+        let (tied, rings): (Vec<Vec<usize>>, _) = (tendons.chain(ties).collect(), rings(model));
+        let count = model.jnt_type().len();
+        let mut of = vec![[Vec::new(), Vec::new()]; count];
+        for (kind, groups) in [&tied, &rings].into_iter().enumerate() {
+            for (at, joints) in groups.iter().enumerate() {
+                joints.iter().for_each(|j| of[*j][kind].push(at));
+            }
+        }
+        let mut has_motor = vec![false; count];
+        for a in 0..model.nu() {
+            if let Some(Transmission::Joint(j)) = model.transmission(a) {
+                has_motor[j] = true;
+            }
+        }
+        Groups { tied, rings, of, has_motor }
+    }
+
+    /// The joint, those coupled to it by a tendon or an equality, and those that a loop carries along. Motors
+    /// on a loop hold.
+    fn moving_with(&self, joint: usize) -> Vec<usize> {
+        let mut seen = vec![false; self.of.len()];
+        // A group that was taken has nothing more to give.
+        let mut taken = [vec![false; self.tied.len()], vec![false; self.rings.len()]];
+        let mut all = vec![joint];
+        seen[joint] = true;
+        let mut next = 0;
+        while let Some(&here) = all.get(next) {
+            next += 1;
+            for (kind, groups) in [&self.tied, &self.rings].into_iter().enumerate() {
+                for &at in &self.of[here][kind] {
+                    if std::mem::replace(&mut taken[kind][at], true) {
+                        continue;
+                    }
+                    for &j in groups[at].iter().filter(|&&j| kind == 0 || !self.has_motor[j]) {
+                        if !std::mem::replace(&mut seen[j], true) {
+                            all.push(j);
+                        }
+                    }
                 }
             }
         }
+        all
     }
-    all
-}
 
-/// Whether a motor acts on the joint itself.
-fn has_motor(model: &Model, joint: usize) -> bool {
-    (0..model.nu()).any(|a| model.transmission(a) == Some(Transmission::Joint(joint)))
+    fn in_ring(&self, joint: usize) -> bool {
+        !self.of[joint][1].is_empty()
+    }
 }
 
 /// Whether a joint at its default has a tenth of its range left in one direction.
@@ -277,18 +316,12 @@ fn room(model: &Model, joint: usize) -> [f64; 2] {
 
 /// Pose `k`, with the joint a quarter of its range from the near stop; pose 0 is the default one. Loops are
 /// closed in their default pose only, so their joints stay there.
-fn start(
-    model: &Model,
-    rings: &[Vec<usize>],
-    joint: usize,
-    k: usize,
-    up: bool,
-) -> Option<Vec<f64>> {
+fn start(model: &Model, groups: &Groups, joint: usize, k: usize, up: bool) -> Option<Vec<f64>> {
     let mut qpos = model.qpos0().to_vec();
     for j in 0..model.jnt_type().len() {
         let [lo, hi] = room(model, j);
         let at = model.jnt_qposadr()[j] as usize;
-        if rings.iter().any(|ring| ring.contains(&j)) {
+        if groups.in_ring(j) {
             continue;
         }
         if j == joint {
@@ -442,6 +475,24 @@ mod tests {
             panic!("{:?}", paces(four_bar));
         };
         assert!((0.7..1.1).contains(&speed), "{speed}: 2 N m spent by 2 N m s/rad");
+        // A second one whose crank follows the first, as in a gripper with two fingers.
+        let (head, rest) = four_bar.split_once("<worldbody>").unwrap();
+        let (bodies, tail) = rest.split_once("</worldbody>").unwrap();
+        let mut other = bodies.to_owned();
+        for name in ["crank", "rod_body", "rod", "rocker", "end"] {
+            other = other.replace(&format!("name=\"{name}\""), &format!("name=\"{name}2\""));
+        }
+        let both = format!(
+            "{head}<worldbody>{bodies}<body pos=\"0 1 0\">{other}</body></worldbody>{tail}"
+        )
+        .replace(
+            "</equality>",
+            "<connect body1=\"end2\" body2=\"rod_body2\" anchor=\"0 0 0\"/>\
+             <joint joint1=\"crank2\" joint2=\"crank\" polycoef=\"0 1 0 0 0\"/></equality>",
+        );
+        let all = paces(&both.replace("damping=\"2\"", "damping=\"1\""));
+        let Pace::Moves { speed, .. } = all[0] else { panic!("{all:?}") };
+        assert!((0.7..1.1).contains(&speed), "{speed}: 2 N m spent by twice 1 N m s/rad");
     }
 
     #[test]

@@ -17,21 +17,6 @@ pub(super) fn rings(model: &Model) -> Vec<Vec<usize>> {
     (0..model.neq()).filter(ties).map(ring).filter(|ring| !ring.is_empty()).collect()
 }
 
-/// The joints of all loops that hang together with this joint's; empty if it is on none.
-pub(super) fn around(rings: &[Vec<usize>], joint: usize) -> Vec<usize> {
-    let mut all = vec![joint];
-    let mut next = 0;
-    while let Some(&here) = all.get(next) {
-        next += 1;
-        for other in rings.iter().filter(|ring| ring.contains(&here)).flatten() {
-            if !all.contains(other) {
-                all.push(*other);
-            }
-        }
-    }
-    if all.len() == 1 { Vec::new() } else { all }
-}
-
 /// The joints that move a body.
 fn above(model: &Model, mut body: usize) -> Vec<usize> {
     let mut joints = Vec::new();

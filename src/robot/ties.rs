@@ -65,7 +65,7 @@ fn by_tendon(model: &Model, e: usize) -> Option<Tie> {
     let (tendon, other) = (model.eq_obj1id()[e], model.eq_obj2id()[e]);
     let members = tendon_joints(model, tendon.try_into().ok()?);
     let [mut lead, mut follow] = members.try_into().ok()?;
-    if other >= 0 || lead.1 == 0.0 || follow.1 == 0.0 {
+    if other >= 0 || lead.0 == follow.0 || lead.1 == 0.0 || follow.1 == 0.0 {
         return None;
     }
     let has_motor = |joint: usize| {

@@ -335,7 +335,8 @@ pub(super) fn leads(tried: &[Trial], trial: &Trial) -> bool {
 /// proportional control is no choice, however natural it is in its gaps.
 fn near(tried: &[Trial]) -> f64 {
     let pd = tried.iter().find(|t| t.policy == "pd" || t.policy.starts_with("pd+"));
-    pd.and_then(|t| t.precision).map_or(f64::INFINITY, |p| (1.0 + FARTHER) * p)
+    let precision = pd.and_then(|t| t.precision).filter(|p| p.is_finite());
+    precision.map_or(f64::INFINITY, |p| (1.0 + FARTHER) * p)
 }
 
 /// The contenders that repeat the clip, best first.
@@ -439,7 +440,6 @@ mod tests {
         assert_eq!(best(&[failed]), None);
     }
 
-    /// A fast swing of the light arm, which needs a plan, and what follows from the choice of one.
     #[test]
     fn a_motion_that_is_farther_than_proportional_control_is_no_choice() {
         let pd = Trial { policy: "pd".into(), ..trial(1e-4, 5e-3) };
@@ -452,6 +452,7 @@ mod tests {
         assert_eq!(best(&tried[2..]), Some(0), "it may be all that there is");
     }
 
+    /// A fast swing of the light arm, which needs a plan, and what follows from the choice of one.
     #[test]
     fn a_planner_is_chosen_where_it_is_clearly_nearer() {
         let robot = Arc::new(Robot::builtin("ur5e_light").unwrap());

@@ -11,7 +11,7 @@ use super::recorded::{Kind, Recorded};
 use crate::clip::formats::{
     from_command_json, from_csv, from_mjcf, from_ros, to_command_json, to_csv, to_mjcf, to_ros,
 };
-use crate::clip::{Clip, ClipError, Fill, Goal, RobotRef};
+use crate::clip::{Clip, ClipError, Fill, Goal, RobotRef, Start};
 use crate::limits;
 use crate::units::Unit;
 
@@ -219,16 +219,21 @@ fn read(a: &Convert, from: Format, robot: Option<&RobotRef>) -> Result<Clip, Fai
     Ok(clip.map_err(|e| e.in_file(&place))?)
 }
 
-/// The clip with the angles of its keys converted, if they are `degrees`.
+/// The clip with its angles converted, if they are `degrees`.
 fn in_radians(mut clip: Clip, degrees: bool) -> Clip {
+    if !degrees {
+        return clip;
+    }
     let units = clip.robot.units.clone();
-    for key in clip.keys.iter_mut().filter(|_| degrees) {
+    let turns = |j: usize| units.get(j).is_none_or(|unit| *unit == Unit::Rad);
+    for key in &mut clip.keys {
         let Goal::Q(row) = &mut key.goal else { continue };
-        for (j, q) in row.iter_mut().enumerate() {
-            if units.get(j).is_none_or(|unit| *unit == Unit::Rad) {
-                *q = q.map(f64::to_radians);
-            }
-        }
+        let angles = row.iter_mut().enumerate().filter(|(j, _)| turns(*j));
+        angles.for_each(|(_, q)| *q = q.map(f64::to_radians));
+    }
+    if let Some(Start::Q(row)) = &mut clip.start {
+        let angles = row.iter_mut().enumerate().filter(|(j, _)| turns(*j));
+        angles.for_each(|(_, q)| *q = q.to_radians());
     }
     clip
 }

@@ -173,7 +173,8 @@ fn plain(
         let message = "--without-meshes: only meshes of a URDF are left out".to_owned();
         return Err(Error::Unfit { message, path: path.clone() });
     }
-    let flat = modern::flatten(project.xml.clone(), path, draft)?;
+    let (flat, said) = modern::flatten(project.xml.clone(), path, "")?;
+    draft.changed.extend(said);
     let doc = preparse::parse(&flat, path)?;
     let mut edits = Edits::default();
     names(&doc, draft, &mut edits);

@@ -191,8 +191,10 @@ fn drafted(config: &ImportConfig) -> Result<(preparse::Project, Draft), Error> {
         preparse::Format::Urdf => urdf::draft(&project, config)?,
     };
     if !project.foreign.is_empty() {
-        let names: Vec<&str> = project.foreign.iter().map(String::as_str).collect();
-        draft.dropped.push(format!("parts for other programs: {}", names.join(", ")));
+        let names: Vec<&str> = project.foreign.iter().take(5).map(String::as_str).collect();
+        let more = project.foreign.len() - names.len();
+        let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+        draft.dropped.push(format!("parts for other programs: {}{more}", names.join(", ")));
     }
     draft.changed.extend(remarks.changed);
     draft.warnings.extend(remarks.warnings);
@@ -283,7 +285,9 @@ fn named(e: Error, drafted: &Path, text: &str, project: &preparse::Project) -> E
                 None => format!("{to}: {what}"),
                 Some(line) => {
                     // The simulator's own number is that of the draft.
-                    let what = what.replace(&format!(", line {line}"), "");
+                    let what = what
+                        .replace(&format!(", line {line}"), "")
+                        .replace(&format!(", line = {line}, column = -1"), "");
                     match Origin::of(text, line, 1, source) {
                         Origin::Line(line) => format!("{to}:{line}:1: {what}"),
                         Origin::Excerpt(tag) => {

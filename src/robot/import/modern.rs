@@ -10,7 +10,6 @@ use nalgebra::Vector3;
 use roxmltree::Node;
 
 use super::attach::Angles;
-use super::draft::Draft;
 use crate::text::{Edits, escape, inner};
 use crate::{Error, preparse};
 use robert_base::limits;
@@ -28,15 +27,16 @@ const REFUSED: &[(&str, &str)] = &[
     ("plugin", "<plugin> needs a program of its own; take the element out"),
 ];
 
-/// Rewrites all frames and replicas of a text.
+/// Rewrites all frames and replicas of a text, and says how many. `stem` begins the names of the bodies that
+/// take their places.
 ///
 /// # Errors
 /// [`Error::Refused`] for what has no equal in 2.2.2, and for more replicas than are taken.
 pub(super) fn flatten(
     mut xml: String,
     path: &std::path::Path,
-    draft: &mut Draft,
-) -> Result<String, Error> {
+    stem: &str,
+) -> Result<(String, Option<String>), Error> {
     let (mut frames, mut replicas) = (0, 0);
     loop {
         let doc = preparse::parse(&xml, path)?;
@@ -60,10 +60,16 @@ pub(super) fn flatten(
             }
             any = true;
             if node.has_tag_name("frame") {
-                edits.replace(node.range(), frame(node, &xml, path, frames)?);
+                edits.replace(
+                    node.range(),
+                    frame(node, &xml, path, &format!("{stem}frame_{frames}"))?,
+                );
                 frames += 1;
             } else {
-                edits.replace(node.range(), replicate(node, &xml, path, replicas)?);
+                edits.replace(
+                    node.range(),
+                    replicate(node, &xml, path, &format!("{stem}replica_{replicas}"))?,
+                );
                 replicas += 1;
             }
         }
@@ -78,12 +84,10 @@ pub(super) fn flatten(
         }
         xml = next;
     }
-    if frames + replicas > 0 {
-        draft.changed.push(format!(
-            "{frames} frames and {replicas} replicas of MuJoCo 3 became bodies without joints"
-        ));
-    }
-    Ok(xml)
+    let said = (frames + replicas > 0).then(|| {
+        format!("{frames} frames and {replicas} replicas of MuJoCo 3 became bodies without joints")
+    });
+    Ok((xml, said))
 }
 
 /// Refuses joints in a frame. They cannot be children of the body that replaces it, because they
@@ -104,7 +108,7 @@ fn frame(
     node: Node<'_, '_>,
     xml: &str,
     path: &std::path::Path,
-    count: usize,
+    name: &str,
 ) -> Result<String, Error> {
     no_joints(node, path)?;
     let mut attributes = String::new();
@@ -113,7 +117,7 @@ fn frame(
             write!(attributes, " {name}=\"{}\"", escape(value)).ok();
         }
     }
-    Ok(format!("<body name=\"frame_{count}\"{attributes}>{}</body>", inner(node, xml)))
+    Ok(format!("<body name=\"{name}\"{attributes}>{}</body>", inner(node, xml)))
 }
 
 /// Makes copies of an element. Copy i is turned by i times the angles and set beside the one before, and its
@@ -122,7 +126,7 @@ fn replicate(
     node: Node<'_, '_>,
     xml: &str,
     path: &std::path::Path,
-    index: usize,
+    name: &str,
 ) -> Result<String, Error> {
     no_joints(node, path)?;
     let count: usize = node
@@ -132,6 +136,13 @@ fn replicate(
     if count > limits::BODIES {
         let message = format!("count is {count}, at most {} are taken", limits::BODIES);
         return Err(preparse::refuse(node, path, message));
+    }
+    if count as u64 * inner(node, xml).len() as u64 > limits::MODEL_BYTES {
+        return Err(preparse::refuse(
+            node,
+            path,
+            "with its replicas written out the model is too large",
+        ));
     }
     let three = |name: &str| -> Result<Vector3<f64>, Error> {
         let Some(text) = node.attribute(name) else { return Ok(Vector3::zeros()) };
@@ -158,7 +169,7 @@ fn replicate(
         let q = turned.quaternion();
         write!(
             out,
-            "<body name=\"replica_{index}_{i}\"{childclass} pos=\"{x} {y} {z}\" quat=\"{} {} {} {}\">{}</body>",
+            "<body name=\"{name}_{i}\"{childclass} pos=\"{x} {y} {z}\" quat=\"{} {} {} {}\">{}</body>",
             q.w,
             q.i,
             q.j,
@@ -191,7 +202,7 @@ mod tests {
     use std::sync::Arc;
 
     fn flat(xml: &str) -> Result<String, Error> {
-        flatten(xml.to_owned(), std::path::Path::new("m.xml"), &mut Draft::default())
+        Ok(flatten(xml.to_owned(), std::path::Path::new("m.xml"), "")?.0)
     }
 
     #[test]

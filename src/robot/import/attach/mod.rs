@@ -16,14 +16,14 @@ pub(super) use angles::Angles;
 use piece::{Piece, Which, is_joint};
 use submodel::{Terms, has_defaults, in_terms};
 
+use super::modern;
 use crate::Error;
 use crate::preparse::{self, Format, Project};
 use crate::text::{Edits, before_close, escape};
 use robert_base::limits;
 
-/// Settings of `<compiler>` that inertias depend on.
-const INERTIA: &[&str] =
-    &["balanceinertia", "boundinertia", "boundmass", "inertiafromgeom", "inertiagrouprange"];
+/// Settings of `<compiler>` that change inertias and cannot be written out.
+const INERTIA: &[&str] = &["balanceinertia", "boundinertia", "boundmass"];
 
 /// What there is to say about the attached models.
 #[derive(Debug, Default)]
@@ -32,7 +32,28 @@ pub(super) struct Remarks {
     pub(super) warnings: Vec<String>,
     /// Files read so far.
     read: usize,
+    /// Places filled so far.
+    placed: usize,
+    /// Bytes of text read and rewritten so far.
+    bytes: u64,
 }
+
+impl Remarks {
+    /// Whether so much more text is still read or rewritten.
+    fn affords(&mut self, text: &str) -> bool {
+        self.bytes += text.len() as u64;
+        self.bytes <= WORK * limits::MODEL_BYTES
+    }
+
+    fn warn(&mut self, line: String) {
+        if !self.warnings.contains(&line) {
+            self.warnings.push(line);
+        }
+    }
+}
+
+/// Text that is read and rewritten in all, as a multiple of the largest model.
+const WORK: u64 = 4;
 
 /// Reads a model with everything that it attaches.
 ///
@@ -115,11 +136,20 @@ impl Models {
                 let message = "a URDF cannot be attached; import it alone, or save it as an MJCF";
                 return Err(refuse(message.into()));
             }
+            if !remarks.affords(&read.xml) {
+                return Err(refuse("the attached models are too large in all".into()));
+            }
+            let read = without_replicas(read, remarks.read)?;
             let own = preparse::parse(&read.xml, &found)?;
             let own = own.root_element().attribute("model").unwrap_or("MuJoCo Model").to_owned();
             let name = node.attribute("name").map_or(own, str::to_owned);
             let plain = file.replace('\\', "/");
             let folder = Path::new(&plain).parent().unwrap_or(Path::new("")).to_owned();
+            if by_name.contains_key(&name) {
+                return Err(refuse(format!(
+                    "two models are called {name:?}; give one another name"
+                )));
+            }
             by_name.insert(name, Submodel { project: read, folder });
         }
         Ok(Models { by_name })
@@ -133,13 +163,13 @@ impl Models {
 /// The text of a model in which every `<attach>` is replaced by what it attaches.
 fn joined(project: &Project, models: &Models, remarks: &mut Remarks) -> Result<String, Error> {
     let path = &project.path;
-    let base = host(project, models)?;
+    let base = host(project, models, remarks)?;
     let doc = preparse::parse(&base, path)?;
     let angles = Angles::of(&doc);
     let (mut edits, mut sections, mut bytes) = (Edits::default(), String::new(), base.len());
     let all: Vec<Node<'_, '_>> = places(&doc).collect();
     let alone = all.len() == 1 && !doc.descendants().any(|n| is_joint(&n));
-    for (number, node) in all.iter().enumerate() {
+    for node in &all {
         let refuse = |message: String| preparse::refuse(*node, path, message);
         let prefix = node.attribute("prefix").unwrap_or_default();
         let which = Which::of(*node);
@@ -162,10 +192,20 @@ fn joined(project: &Project, models: &Models, remarks: &mut Remarks) -> Result<S
             }
             None => (without_places(&base, path)?, path.as_path(), PathBuf::new()),
         };
-        let main = format!("{prefix}attached_{number}");
+        if !remarks.affords(&xml) {
+            return Err(refuse("the attached models are too large in all".into()));
+        }
+        remarks.placed += 1;
+        let main = format!("{prefix}attached_{}", remarks.placed);
         let terms = Terms { prefix, main: Some(&main), angles: &angles, folder };
         let piece = Piece::cut(&in_terms(&xml, from, &terms)?, from, &which, prefix, &main)
             .map_err(|e| e.at(*node, path))?;
+        let copied = node.ancestors().any(|a| a.has_tag_name("replicate"));
+        if copied && piece.has_dependents {
+            let message = "<attach> of a model with motors, tendons or constraints inside of a <replicate>; \
+                           write out the <replicate>";
+            return Err(refuse(message.into()));
+        }
         bytes += piece.body.len() + piece.sections.len();
         if bytes as u64 > limits::MODEL_BYTES {
             return Err(refuse("with its attached models the model is too large".into()));
@@ -175,7 +215,7 @@ fn joined(project: &Project, models: &Models, remarks: &mut Remarks) -> Result<S
         if let Some(keys) = piece.keys.filter(|_| alone) {
             sections += &keys;
         }
-        settings(&xml, from, &doc, &mut sections, remarks)?;
+        settings(&xml, from, (&doc, all.len()), &mut sections, remarks)?;
     }
     let models_read = doc
         .descendants()
@@ -201,9 +241,11 @@ fn joined(project: &Project, models: &Models, remarks: &mut Remarks) -> Result<S
 
 /// The model that attaches: files are written without `meshdir`, and its outermost default class, from which
 /// the attached parts must not inherit, gets a name.
-fn host(project: &Project, models: &Models) -> Result<String, Error> {
+fn host(project: &Project, models: &Models, remarks: &mut Remarks) -> Result<String, Error> {
     let doc = preparse::parse(&project.xml, &project.path)?;
-    let main = (has_defaults(&doc) && !models.by_name.is_empty()).then_some("attaching");
+    remarks.placed += 1;
+    let main = format!("attaching_{}", remarks.placed);
+    let main = (has_defaults(&doc) && !models.by_name.is_empty()).then_some(main.as_str());
     let terms = Terms { prefix: "", main, angles: &Angles::of(&doc), folder: PathBuf::new() };
     in_terms(&project.xml, &project.path, &terms)
 }
@@ -215,12 +257,13 @@ fn without_places(xml: &str, path: &Path) -> Result<String, Error> {
     Ok(edits.apply(xml))
 }
 
-/// Takes over the settings of an attached model that its inertias depend on, where the model that attaches
-/// it says nothing else; warns of the others.
+/// Takes over the settings of an attached model that its inertias depend on, if the model that attaches it
+/// has no bodies of its own and no other attached one says otherwise; warns of the others. Here a setting
+/// counts for every body.
 fn settings(
     xml: &str,
     path: &Path,
-    host: &Document<'_>,
+    (host, all_here): (&Document<'_>, usize),
     sections: &mut String,
     remarks: &mut Remarks,
 ) -> Result<(), Error> {
@@ -229,32 +272,48 @@ fn settings(
         let compilers = doc.root_element().children().filter(|n| n.has_tag_name("compiler"));
         compilers.filter_map(|n| n.attribute(name)).next_back().map(str::to_owned)
     };
+    let has_bodies = host.descendants().any(|n| {
+        ["geom", "inertial"].contains(&n.tag_name().name())
+            && n.parent().is_some_and(|p| p.has_tag_name("body"))
+    });
     for name in INERTIA {
-        let Some(value) = said(&doc, name) else { continue };
-        let known = format!(" {name}=\"");
-        let mine = format!("<compiler {name}=\"{}\"/>", escape(&value));
-        let other = match said(host, name) {
-            Some(other) => other != value,
-            None if sections.contains(&mine) => false,
-            None => sections.contains(&known),
-        };
-        if other {
-            let line = format!(
-                "{name}=\"{value}\" of {} does not count: another model of this file says otherwise",
+        let mine = said(&doc, name);
+        if mine == said(host, name) {
+            continue;
+        }
+        let line = mine.as_ref().map(|v| format!("<compiler {name}=\"{}\"/>", escape(v)));
+        let known = sections.contains(&format!("<compiler {name}=\""));
+        let first = all_here == 1;
+        match line {
+            Some(line) if sections.contains(&line) => {}
+            Some(line) if first && !has_bodies && said(host, name).is_none() => {
+                sections.push_str(&line);
+            }
+            None if !known && said(host, name).is_none() => {}
+            _ => remarks.warn(format!(
+                "{name} of {} does not count: the models that are put together do not agree on it; masses and \
+                 inertias may differ",
                 path.display()
-            );
-            remarks.warnings.push(line);
-        } else if said(host, name).is_none() && !sections.contains(&mine) {
-            sections.push_str(&mine);
+            )),
         }
     }
-    if said(&doc, "autolimits").as_deref() == Some("false") {
-        remarks.warnings.push(format!(
-            "{} has autolimits=\"false\", which does not count where it is attached: ranges are limits",
+    let limits = |doc: &Document<'_>| said(doc, "autolimits").as_deref() == Some("false");
+    if limits(&doc) != limits(host) {
+        remarks.warn(format!(
+            "autolimits of {} does not count: the model that attaches it decides whether ranges are limits",
             path.display()
         ));
     }
     Ok(())
+}
+
+/// The model with its replicas written out, because what belongs to one of them is found by its name.
+fn without_replicas(mut project: Project, number: usize) -> Result<Project, Error> {
+    if project.xml.contains("<replicate") {
+        let stem = format!("model_{number}_");
+        project.xml = modern::flatten(project.xml, &project.path, &stem)?.0;
+    }
+    Ok(project)
 }
 
 #[cfg(test)]

@@ -64,6 +64,8 @@ pub(super) struct Piece {
     pub(super) sections: String,
     /// The keyframes, if the part has every joint of its model.
     pub(super) keys: Option<String>,
+    /// Whether motors, tendons or constraints belong to it.
+    pub(super) has_dependents: bool,
 }
 
 impl Piece {
@@ -117,12 +119,13 @@ impl Piece {
             }
         };
         let there = Parts::of(&doc, part);
-        let mut sections = String::new();
+        let (mut sections, mut has_dependents) = (String::new(), false);
         for section in doc.root_element().children().filter(Node::is_element) {
             let tag = section.tag_name().name();
             if DEPENDENT.contains(&tag) {
                 let entries = section.children().filter(|n| n.is_element() && there.cover(*n));
                 let text: String = entries.filter_map(|n| xml.get(n.range())).collect();
+                has_dependents |= !text.is_empty();
                 write!(sections, "<{tag}>{text}</{tag}>").ok();
             } else if tag == "asset" || tag == "default" {
                 sections += xml.get(section.range()).unwrap_or_default();
@@ -131,7 +134,7 @@ impl Piece {
         let joints = |n: &Node<'_, '_>| n.descendants().filter(is_joint).count();
         let complete = part.is_none_or(|p| joints(&p) == joints(&doc.root()));
         let keys = if complete { Some(keyframes(&doc, xml).map_err(NoPiece::Text)?) } else { None };
-        Ok(Piece { body, sections, keys })
+        Ok(Piece { body, sections, keys, has_dependents })
     }
 }
 
@@ -195,7 +198,7 @@ impl<'a> Parts<'a> {
         parts
     }
 
-    /// Whether an entry names attached parts only, and one at least.
+    /// Whether an entry names attached parts only.
     fn cover(&self, entry: Node<'_, '_>) -> bool {
         let Some(names) = &self.names else { return true };
         entry.descendants().flat_map(|n| n.attributes()).all(|a| {

@@ -5,8 +5,10 @@ use std::path::{Path, PathBuf};
 use roxmltree::{Document, Node};
 
 use super::angles::Angles;
+use crate::import::classes::Classes;
 use crate::text::{Edits, escape, inner, insert_first};
 use crate::{Error, preparse};
+use robert_base::xml::numbers;
 
 /// Attributes that name a part of the model.
 const NAMES: &[&str] = &[
@@ -73,7 +75,7 @@ pub(super) fn in_terms(xml: &str, path: &Path, terms: &Terms<'_>) -> Result<Stri
     let named = |name: &str, value: &str| match (name, terms.main) {
         ("class" | "childclass", Some(new)) if value == main => new.to_owned(),
         ("class" | "childclass", None) if value == main => value.to_owned(),
-        (_, _) if value == "world" => value.to_owned(),
+        ("body" | "body1" | "body2" | "target", _) if value == "world" => value.to_owned(),
         _ => format!("{}{value}", terms.prefix),
     };
     for section in doc.root_element().children().filter(Node::is_element) {
@@ -90,6 +92,7 @@ pub(super) fn in_terms(xml: &str, path: &Path, terms: &Terms<'_>) -> Result<Stri
         }
     }
     files(&doc, terms, &mut edits);
+    inertias(&doc, &mut edits);
     if let Some(main) = terms.main {
         classes(&doc, main, &mut edits);
     }
@@ -132,6 +135,32 @@ fn files(doc: &Document<'_>, terms: &Terms<'_>, edits: &mut Edits) {
                 .iter()
                 .for_each(|name| edits.unset(node, name));
         }
+    }
+}
+
+/// Writes out what `inertiafromgeom` and `inertiagrouprange` do, because they would count for other models,
+/// too.
+fn inertias(doc: &Document<'_>, edits: &mut Edits) {
+    let compilers = || doc.root_element().children().filter(|n| n.has_tag_name("compiler"));
+    let said = |name: &str| compilers().filter_map(|n| n.attribute(name)).next_back();
+    let in_body = |n: &Node<'_, '_>| n.parent().is_some_and(|p| !p.has_tag_name("default"));
+    if said("inertiafromgeom") == Some("true") {
+        let own = doc.descendants().filter(|n| n.has_tag_name("inertial"));
+        own.for_each(|n| edits.replace(n.range(), ""));
+    }
+    if let Some([lo, hi]) = said("inertiagrouprange").and_then(numbers::<i64>).as_deref() {
+        let classes = Classes::of(doc);
+        for geom in doc.descendants().filter(|n| n.has_tag_name("geom") && in_body(n)) {
+            let group = classes.get(geom, &["geom"], "group").and_then(|g| g.trim().parse().ok());
+            if !(*lo..=*hi).contains(&group.unwrap_or(0)) {
+                edits.set(geom, "mass", "0");
+            }
+        }
+    }
+    for compiler in compilers() {
+        ["inertiafromgeom", "inertiagrouprange"]
+            .iter()
+            .for_each(|name| edits.unset(compiler, name));
     }
 }
 

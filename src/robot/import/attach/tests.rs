@@ -31,8 +31,7 @@ fn scene(model: &str) -> (tempfile::TempDir, PathBuf) {
 /// The model as it is compiled; its mesh file by its path.
 fn compiled(path: &Path) -> Arc<Model> {
     let (project, _) = read(path, None).unwrap();
-    let mut draft = super::super::draft::Draft::default();
-    let flat = super::super::modern::flatten(project.xml, path, &mut draft).unwrap();
+    let (flat, _) = modern::flatten(project.xml, path, "").unwrap();
     let flat = flat.replace("arm/shapes", &path.with_file_name("arm/shapes").to_string_lossy());
     let at = flat.rfind("</mujoco>").unwrap();
     let (head, tail) = flat.split_at(at);
@@ -144,4 +143,51 @@ fn attached_models_bind_at_the_cap() {
     assert!(read(&path, None).is_ok());
     let (_dir, path) = models(limits::ATTACHED_MODELS + 1);
     assert!(read(&path, None).unwrap_err().to_string().contains("in all"));
+}
+
+#[test]
+fn what_belongs_to_replicas_and_inertias_stays_with_them() {
+    let arm = ARM
+        .replace("inertiagrouprange", "inertiafromgeom=\"true\" inertiagrouprange")
+        .replace(
+            "<site name=\"tip\" pos=\"0 0 .5\"/>",
+            "<inertial pos=\"0 0 0\" mass=\"9\" diaginertia=\"1 1 1\"/><replicate count=\"2\" euler=\"0 0 1.5\">\
+             <body pos=\"1 0 0\"><joint name=\"r\"/><geom size=\".1\"/></body></replicate>",
+        )
+        .replace("<actuator>", "<actuator><motor name=\"m1\" joint=\"r1\"/>")
+        .replace("qpos=\".3 .1\"", "qpos=\".3 0 0 .1\"");
+    let (dir, path) = scene(
+        "<mujoco><asset><model name=\"a\" file=\"arm/arm.xml\"/></asset><worldbody><body name=\"base\">\
+         <inertial pos=\"0 0 0\" mass=\"55\" diaginertia=\"1 1 1\"/><joint/><geom size=\".1\" group=\"4\"/>\
+         <attach model=\"a\" body=\"upper\" prefix=\"x\"/></body></worldbody></mujoco>",
+    );
+    std::fs::write(dir.path().join("arm/arm.xml"), arm).unwrap();
+    let model = compiled(&path);
+    let mass = |name: &str| model.body_mass()[model.id(Kind::Body, name).unwrap()];
+    let ball = 4.0 / 3.0 * std::f64::consts::PI * 0.001;
+    near(&[mass("base"), mass("xupper")], &[55.0, 500.0 * ball]);
+    // The motors of the upper arm and of the second replica.
+    assert_eq!((model.nu(), model.njnt()), (2, 4));
+    assert!(model.id(Kind::Joint, "xr1").is_some());
+    let (_dir, path) = scene(
+        "<mujoco><asset><model name=\"a\" file=\"arm/arm.xml\"/></asset><worldbody>\n\
+         <replicate count=\"2\"><attach model=\"a\" prefix=\"x\"/></replicate></worldbody></mujoco>",
+    );
+    let message = read(&path, None).unwrap_err().to_string();
+    assert!(message.contains("inside of a <replicate>"), "{message}");
+}
+
+#[test]
+fn models_that_attach_models_keep_their_classes_apart() {
+    let (dir, path) = scene(
+        "<mujoco><asset><model name=\"m\" file=\"middle.xml\"/></asset><worldbody>\
+         <attach model=\"m\" prefix=\"\"/></worldbody></mujoco>",
+    );
+    let middle = "<mujoco><default><joint damping=\"5\"/></default><asset><model name=\"a\" file=\"arm/arm.xml\"/></asset>\
+         <worldbody><body name=\"world_of_its_own\"><joint name=\"world\"/><geom size=\".1\"/></body>\
+         <attach model=\"a\" prefix=\"\"/></worldbody></mujoco>";
+    std::fs::write(dir.path().join("middle.xml"), middle).unwrap();
+    let model = compiled(&path);
+    let damping = |name: &str| model.dof_damping()[model.id(Kind::Joint, name).unwrap()];
+    near(&[damping("world"), damping("j"), damping("k")], &[5.0, 30.0, 3.0]);
 }
