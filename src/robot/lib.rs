@@ -13,6 +13,7 @@
 //! Rejected: describing robots in Rust (users could not add their own), and deriving everything
 //! from the model (no model contains a mirror table or the name of a pose).
 
+mod bounds;
 mod builtin;
 pub mod check;
 mod complete;
@@ -43,6 +44,7 @@ mod plant;
 mod position_servo;
 pub mod preparse;
 mod profile;
+mod reference;
 mod response;
 mod rings;
 mod servo;

@@ -1,8 +1,50 @@
-//! Where a line of a changed text was in the file that it was read from.
+//! The XML of a model file, and the places in it that errors name, also after the text was changed.
 
 use std::path::Path;
 
-use robert_base::{fsio, limits};
+use roxmltree::{Document, Node};
+
+use super::error::Error;
+use robert_base::{fsio, limits, xml};
+
+/// Parses XML within the limits.
+pub(super) fn parse<'a>(text: &'a str, path: &Path) -> Result<Document<'a>, Error> {
+    xml::parse(text, limits::XML_ELEMENTS).map_err(|e| Error::Refused {
+        message: e.message,
+        line: e.line,
+        column: e.column,
+        path: path.to_owned(),
+    })
+}
+
+/// Line and column of a node, from 1.
+pub(super) fn place(node: Node<'_, '_>) -> (u32, u32) {
+    let pos = node.document().text_pos_at(node.range().start);
+    (pos.row, pos.col)
+}
+
+/// An error at a node. Its text may have been changed since it was read from the file.
+pub(super) fn refuse(node: Node<'_, '_>, path: &Path, message: impl Into<String>) -> Error {
+    let (line, column) = place(node);
+    refuse_at(node.document().input_text(), (line, column), path, message.into())
+}
+
+/// An error at a line and column of a text that may have been changed since it was read from the file.
+pub(super) fn refuse_at(
+    text: &str,
+    (line, column): (u32, u32),
+    path: &Path,
+    message: String,
+) -> Error {
+    let path = path.to_owned();
+    match Origin::of(text, line, column, &path) {
+        Origin::Line(line) => Error::Refused { message, line, column, path },
+        Origin::Excerpt(excerpt) => {
+            let message = format!("{message}; the element is {excerpt}");
+            Error::Refused { message, line: 0, column: 0, path }
+        }
+    }
+}
 
 /// Where a line of a changed text comes from.
 pub(super) enum Origin {

@@ -6,19 +6,19 @@
 //! without includes and a list of files, all inside the project folder.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::iter::zip;
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 use roxmltree::{Document, Node};
 
+use super::bounds::{check, texture_bytes};
 use super::error::{Error, line_column};
-use super::origin::Origin;
+pub(super) use super::origin::{parse, place, refuse, refuse_at};
+pub(super) use super::reference::{Unresolved, in_other_case, resolve};
 use super::text::Edits;
 use super::{foreign, lenient};
 use super::{mesh, text};
 use robert_base::fsio;
 use robert_base::limits;
-use robert_base::xml;
 
 /// The format of a model file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -162,46 +162,8 @@ fn without_late_declaration(text: &str) -> String {
     }
 }
 
-/// Parses XML within the limits.
-pub(super) fn parse<'a>(text: &'a str, path: &Path) -> Result<Document<'a>, Error> {
-    xml::parse(text, limits::XML_ELEMENTS).map_err(|e| Error::Refused {
-        message: e.message,
-        line: e.line,
-        column: e.column,
-        path: path.to_owned(),
-    })
-}
-
-/// Line and column of a node, from 1.
-pub(super) fn place(node: Node<'_, '_>) -> (u32, u32) {
-    let pos = node.document().text_pos_at(node.range().start);
-    (pos.row, pos.col)
-}
-
-/// An error at a node. Its text may have been changed since it was read from the file.
-pub(super) fn refuse(node: Node<'_, '_>, path: &Path, message: impl Into<String>) -> Error {
-    let (line, column) = place(node);
-    refuse_at(node.document().input_text(), (line, column), path, message.into())
-}
-
-/// An error at a line and column of a text that may have been changed since it was read from the file.
-pub(super) fn refuse_at(
-    text: &str,
-    (line, column): (u32, u32),
-    path: &Path,
-    message: String,
-) -> Error {
-    let path = path.to_owned();
-    match Origin::of(text, line, column, &path) {
-        Origin::Line(line) => Error::Refused { message, line, column, path },
-        Origin::Excerpt(excerpt) => {
-            let message = format!("{message}; the element is {excerpt}");
-            Error::Refused { message, line: 0, column: 0, path }
-        }
-    }
-}
-
-fn folder(path: &Path) -> &Path {
+/// The folder of a file.
+pub(super) fn folder(path: &Path) -> &Path {
     match path.parent() {
         Some(p) if !p.as_os_str().is_empty() => p,
         _ => Path::new("."),
@@ -279,252 +241,6 @@ impl Splice<'_> {
 /// Whether a value is a list of numbers.
 fn is_numbers(value: &str) -> bool {
     value.split_ascii_whitespace().all(|number| number.parse::<f64>().is_ok())
-}
-
-/// Why a reference leads to no file.
-pub(super) enum Unresolved {
-    /// The place is allowed, but nothing is there.
-    Missing(String),
-    /// The reference leads elsewhere, or to what is no file.
-    Refused(String),
-}
-
-impl From<Unresolved> for String {
-    fn from(why: Unresolved) -> Self {
-        match why {
-            Unresolved::Missing(why) | Unresolved::Refused(why) => why,
-        }
-    }
-}
-
-/// The file that a reference means, inside `root`.
-pub(super) fn resolve(dir: &Path, written: &str, root: &Path) -> Result<PathBuf, Unresolved> {
-    use Unresolved::{Missing, Refused};
-    if written.is_empty() || written.len() > 4096 || written.contains('\0') {
-        return Err(Refused("the file name is empty or too long".into()));
-    }
-    let plain = written.replace('\\', "/");
-    let wide = |there: &Path| {
-        let whole: PathBuf = zip(root.components(), there.components())
-            .take_while(|(a, b)| a == b)
-            .map(|(part, _)| part)
-            .collect();
-        // The root of the disk is no folder of a project.
-        let whole = if whole.components().count() > 1 { whole } else { PathBuf::from("DIR") };
-        Refused(format!(
-            "\"{written}\" is outside the project folder {}; name a folder that contains everything: --root {}",
-            root.display(),
-            whole.display()
-        ))
-    };
-    let path = dir.join(&plain);
-    // Checked before the disk is accessed, so that files outside cannot be probed.
-    let dir_abs = dir.canonicalize().unwrap_or_else(|_| dir.to_owned());
-    let mut lexical = if Path::new(&plain).is_absolute() { PathBuf::new() } else { dir_abs };
-    for part in Path::new(&plain).components() {
-        match part {
-            Component::ParentDir => {
-                lexical.pop();
-            }
-            Component::CurDir => {}
-            Component::Prefix(_) => return Err(wide(Path::new(""))),
-            Component::RootDir => lexical.push("/"),
-            Component::Normal(p) => lexical.push(p),
-        }
-    }
-    if !lexical.starts_with(root) {
-        return Err(wide(&lexical));
-    }
-    let real = path.canonicalize().map_err(|e| match e.kind() {
-        std::io::ErrorKind::NotFound => Missing(format!("\"{written}\" does not exist")),
-        _ => Refused(format!("\"{written}\" cannot be opened: {e}")),
-    })?;
-    if !real.starts_with(root) {
-        return Err(wide(&real));
-    }
-    if !real.is_file() {
-        return Err(Refused(format!("\"{written}\" is not a file")));
-    }
-    Ok(real)
-}
-
-/// The same reference with the name of a file that differs in upper and lower case only, if there is
-/// exactly one in the folder inside `root`, and the folder is not too large.
-pub(super) fn in_other_case(dir: &Path, written: &str, root: &Path) -> Option<String> {
-    let path = dir.join(written.replace('\\', "/"));
-    let name = path.file_name()?.to_str()?;
-    // A link may lead outside.
-    let folder = path.parent()?.canonicalize().ok().filter(|folder| folder.starts_with(root))?;
-    let there: Vec<_> =
-        std::fs::read_dir(folder).ok()?.take(limits::PROJECT_FILES + 1).flatten().collect();
-    if there.len() > limits::PROJECT_FILES {
-        return None;
-    }
-    let names = there.iter().filter_map(|entry| entry.file_name().into_string().ok());
-    let mut alike = names.filter(|other| other.eq_ignore_ascii_case(name));
-    let found = alike.next().filter(|_| alike.next().is_none())?;
-    Some(format!("{}{found}", written.strip_suffix(name)?))
-}
-
-/// Attributes that set a size, with their limits.
-const SIZES: &[(&str, &str, u64)] = &[
-    ("size", "nstack", 20_000_000),
-    ("size", "njmax", 100_000),
-    ("size", "nconmax", 100_000),
-    ("size", "nuserdata", 1_000_000),
-    ("size", "nkey", 10_000),
-    ("size", "nuser_body", 1_000),
-    ("size", "nuser_jnt", 1_000),
-    ("size", "nuser_geom", 1_000),
-    ("size", "nuser_site", 1_000),
-    ("size", "nuser_cam", 1_000),
-    ("size", "nuser_tendon", 1_000),
-    ("size", "nuser_actuator", 1_000),
-    ("size", "nuser_sensor", 1_000),
-    ("hfield", "nrow", 4_096),
-    ("hfield", "ncol", 4_096),
-];
-
-/// Attributes with text, in which "nan" or "inf" may be a name.
-const TEXTS: &[&str] = &[
-    "name",
-    "file",
-    "class",
-    "childclass",
-    "body",
-    "joint",
-    "geom",
-    "site",
-    "mesh",
-    "material",
-    "texture",
-    "model",
-    "link",
-    "filename",
-];
-
-/// The checks that need no other file.
-fn check(doc: &Document<'_>, path: &Path) -> Result<(), Error> {
-    let mut elements = 0;
-    let motors = doc.descendants().filter(|n| n.has_tag_name("actuator"));
-    let motors: usize = motors.map(|a| a.children().filter(Node::is_element).count()).sum();
-    for node in doc.descendants().filter(Node::is_element) {
-        elements += 1;
-        if elements > limits::MODEL_ELEMENTS {
-            let message = format!("more than {} elements", limits::MODEL_ELEMENTS);
-            return Err(refuse(node, path, message));
-        }
-        if node.tag_name().namespace().is_some_and(|n| n.contains("xacro")) {
-            return Err(refuse(node, path, xml::XACRO));
-        }
-        let tag = node.tag_name().name();
-        for a in node.attributes() {
-            check_attribute(node, tag, a.name(), a.value()).map_err(|m| refuse(node, path, m))?;
-        }
-        if tag == "lengthrange" {
-            check_length_range(node, motors).map_err(|m| refuse(node, path, m))?;
-        }
-        if tag == "composite" {
-            let counts = node.attribute("count").unwrap_or("1");
-            let total = counts
-                .split_whitespace()
-                .map(|c| c.parse::<f64>().unwrap_or(1.0).max(1.0))
-                .product::<f64>();
-            if total > limits::COMPOSITE_ELEMENTS as f64 {
-                return Err(refuse(
-                    node,
-                    path,
-                    format!(
-                        "the composite has {total:.0} elements; at most {} are supported",
-                        limits::COMPOSITE_ELEMENTS
-                    ),
-                ));
-            }
-        }
-    }
-    Ok(())
-}
-
-/// The compiler simulates every actuator in both directions to find its length range.
-fn check_length_range(node: Node<'_, '_>, motors: usize) -> Result<(), String> {
-    let number = |name: &str, default: f64| {
-        node.attribute(name).and_then(|v| v.trim().parse::<f64>().ok()).unwrap_or(default)
-    };
-    let steps = 2.0 * motors as f64 * number("inttotal", 10.0) / number("timestep", 0.01);
-    if steps > 0.0 && steps <= limits::LENGTH_RANGE_STEPS || motors == 0 {
-        return Ok(());
-    }
-    Err(format!(
-        "finding the length ranges of {motors} actuators takes {steps:.0} steps, at most {} are taken; \
-         choose a smaller inttotal or a greater timestep",
-        limits::LENGTH_RANGE_STEPS
-    ))
-}
-
-/// Bytes of a texture in memory, three per pixel.
-fn texture_bytes(node: Node<'_, '_>, files: &[(u64, u64)]) -> u64 {
-    if !files.is_empty() {
-        return files.iter().map(|(w, h)| 3 * w * h).sum();
-    }
-    let edge = |name: &str| {
-        let written = node.attribute(name).and_then(|v| v.trim().parse::<f64>().ok());
-        written.unwrap_or(0.0).clamp(0.0, 1e6) as u64
-    };
-    // A builtin cube or sky box has six square sides.
-    match node.attribute("type") {
-        Some("2d") => 3 * edge("width") * edge("height"),
-        _ => 18 * edge("width").pow(2),
-    }
-}
-
-fn check_attribute(node: Node<'_, '_>, tag: &str, name: &str, value: &str) -> Result<(), String> {
-    if TEXTS.contains(&name) {
-        let cap = if matches!(name, "file" | "filename") { 4096 } else { limits::NAME_BYTES };
-        if value.len() > cap {
-            return Err(format!("{name} has {} bytes; at most {cap} are supported", value.len()));
-        }
-        return Ok(());
-    }
-    let Some(numbers) = xml::numbers::<f64>(value).filter(|n| !n.is_empty()) else {
-        if value.len() > limits::MODEL_BYTES as usize / 4 {
-            return Err(format!("{name} has {} bytes", value.len()));
-        }
-        return match (name, value) {
-            ("dyntype" | "gaintype" | "biastype", "user") => {
-                Err(format!("{name}=\"user\" needs its own program and cannot be simulated"))
-            }
-            _ => Ok(()),
-        };
-    };
-    if let Some(v) = numbers.iter().find(|v| !v.is_finite()) {
-        return Err(format!("{name} contains {v}, which is not a finite number"));
-    }
-    let first = numbers.first().copied().unwrap_or(0.0);
-    if name == "quat" && numbers.len() == 4 && numbers.iter().all(|v| *v == 0.0) {
-        return Err(
-            "quat is 0 0 0 0, which is not a rotation; the neutral rotation is 1 0 0 0".into()
-        );
-    }
-    if tag == "option" && name == "timestep" && !(1e-5..=0.1).contains(&first) {
-        return Err(format!("timestep is {first} s, not within 0.00001 to 0.1 s"));
-    }
-    if let Some((_, _, cap)) = SIZES.iter().find(|(t, n, _)| *t == tag && *n == name) {
-        if first > *cap as f64 {
-            return Err(format!("{name} is {first}; at most {cap} is supported"));
-        }
-        // -1 tells MuJoCo to choose the value.
-        if first < -1.0 {
-            return Err(format!("{name} is {first}; a size must not be negative"));
-        }
-    }
-    if node.tag_name().name() == "texture" && name == "height" && first > limits::TEXTURE_PX as f64
-    {
-        let kind = node.attribute("type").unwrap_or("cube");
-        if kind == "2d" {
-            return Err(format!("height is {first}; at most {} is supported", limits::TEXTURE_PX));
-        }
-    }
-    Ok(())
 }
 
 /// Attributes with which an MJCF refers to files.
@@ -645,6 +361,7 @@ fn assets(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bounds::SIZES;
 
     fn project(files: &[(&str, &str)]) -> (tempfile::TempDir, Result<Project, Error>) {
         let dir = tempfile::tempdir().unwrap();

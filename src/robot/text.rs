@@ -76,6 +76,12 @@ pub(super) fn before_close(node: roxmltree::Node<'_, '_>) -> Option<usize> {
     Some(range.start + close)
 }
 
+/// What `<compiler>` says; the last one counts.
+pub(super) fn compiler<'a>(doc: &'a roxmltree::Document<'_>, name: &str) -> Option<&'a str> {
+    let sections = doc.root_element().children().filter(|n| n.has_tag_name("compiler"));
+    sections.filter_map(|n| n.attribute(name)).next_back()
+}
+
 /// The text between an element's tags, out of the document's own.
 pub(super) fn inner<'x>(node: roxmltree::Node<'_, '_>, xml: &'x str) -> &'x str {
     match (node.first_child(), before_close(node)) {

@@ -40,16 +40,18 @@ pub(super) fn ties(model: &Model) -> Vec<Tie> {
 
 /// The ties that an equality makes between two joints directly.
 pub(super) fn joint_ties(model: &Model) -> Vec<Tie> {
-    let is = |e: &usize| model.eq_type()[*e] == EQ_JOINT && model.eq_active()[*e] != 0;
-    (0..model.neq()).filter(is).filter_map(|e| by_equality(model, e)).collect()
+    between_joints(model).filter_map(|e| by_equality(model, e)).collect()
 }
 
 /// Joints that an equality holds where they are.
 pub(super) fn held(model: &Model) -> Vec<usize> {
-    let is = |e: &usize| {
-        model.eq_type()[*e] == EQ_JOINT && model.eq_active()[*e] != 0 && model.eq_obj2id()[*e] < 0
-    };
-    (0..model.neq()).filter(is).filter_map(|e| model.eq_obj1id()[e].try_into().ok()).collect()
+    let alone = between_joints(model).filter(|e| model.eq_obj2id()[*e] < 0);
+    alone.filter_map(|e| model.eq_obj1id()[e].try_into().ok()).collect()
+}
+
+fn between_joints(model: &Model) -> impl Iterator<Item = usize> {
+    let is = |e: &usize| model.eq_type()[*e] == EQ_JOINT && model.eq_active()[*e] != 0;
+    (0..model.neq()).filter(is)
 }
 
 fn by_equality(model: &Model, e: usize) -> Option<Tie> {

@@ -613,11 +613,7 @@ impl<'a> Tree<'a> {
             Err(Unresolved::Refused(why)) if elsewhere => Ok(Err(why)),
             Err(Unresolved::Refused(why)) => Err(refuse(why)),
         };
-        let dir = self
-            .path()
-            .parent()
-            .filter(|p| !p.as_os_str().is_empty())
-            .unwrap_or_else(|| Path::new("."));
+        let dir = preparse::folder(self.path());
         if let Some(("", below)) = packages::split(filename) {
             let root = &self.project.root;
             return found(

@@ -4,7 +4,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use roxmltree::{Document, Node};
 
 use crate::import::classes::Classes;
-use crate::text::Edits;
+use crate::text::{Edits, compiler};
 use robert_base::xml::numbers;
 
 /// What `<compiler>` says of angles.
@@ -18,13 +18,9 @@ pub(in crate::import) struct Angles {
 impl Angles {
     /// Those of a document; degrees about x, y, z unless it says otherwise.
     pub(in crate::import) fn of(doc: &Document<'_>) -> Self {
-        let said = |name: &str| {
-            let sections = doc.root_element().children().filter(|n| n.has_tag_name("compiler"));
-            sections.filter_map(|n| n.attribute(name)).next_back()
-        };
         Angles {
-            degrees: said("angle") != Some("radian"),
-            sequence: said("eulerseq").unwrap_or("xyz").to_owned(),
+            degrees: compiler(doc, "angle") != Some("radian"),
+            sequence: compiler(doc, "eulerseq").unwrap_or("xyz").to_owned(),
         }
     }
 

@@ -19,7 +19,7 @@ use submodel::{Terms, has_defaults, in_terms};
 use super::modern;
 use crate::Error;
 use crate::preparse::{self, Format, Project};
-use crate::text::{Edits, before_close, escape};
+use crate::text::{Edits, before_close, compiler, escape};
 use robert_base::limits;
 
 /// Settings of `<compiler>` that change inertias and cannot be written out.
@@ -114,7 +114,7 @@ impl Models {
         remarks: &mut Remarks,
     ) -> Result<Models, Error> {
         let path = &project.path;
-        let dir = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let dir = preparse::folder(path);
         let mut by_name = BTreeMap::new();
         let sections = doc.root_element().children().filter(|n| n.has_tag_name("asset"));
         for node in sections.flat_map(|s| s.children()).filter(|n| n.has_tag_name("model")) {
@@ -268,28 +268,24 @@ fn settings(
     remarks: &mut Remarks,
 ) -> Result<(), Error> {
     let doc = preparse::parse(xml, path)?;
-    let said = |doc: &Document<'_>, name: &str| {
-        let compilers = doc.root_element().children().filter(|n| n.has_tag_name("compiler"));
-        compilers.filter_map(|n| n.attribute(name)).next_back().map(str::to_owned)
-    };
     let has_bodies = host.descendants().any(|n| {
         ["geom", "inertial"].contains(&n.tag_name().name())
             && n.parent().is_some_and(|p| p.has_tag_name("body"))
     });
     for name in INERTIA {
-        let mine = said(&doc, name);
-        if mine == said(host, name) {
+        let mine = compiler(&doc, name);
+        if mine == compiler(host, name) {
             continue;
         }
-        let line = mine.as_ref().map(|v| format!("<compiler {name}=\"{}\"/>", escape(v)));
+        let line = mine.map(|v| format!("<compiler {name}=\"{}\"/>", escape(v)));
         let known = sections.contains(&format!("<compiler {name}=\""));
         let first = all_here == 1;
         match line {
             Some(line) if sections.contains(&line) => {}
-            Some(line) if first && !has_bodies && said(host, name).is_none() => {
+            Some(line) if first && !has_bodies && compiler(host, name).is_none() => {
                 sections.push_str(&line);
             }
-            None if !known && said(host, name).is_none() => {}
+            None if !known && compiler(host, name).is_none() => {}
             _ => remarks.warn(format!(
                 "{name} of {} does not count: the models that are put together do not agree on it; masses and \
                  inertias may differ",
@@ -297,7 +293,7 @@ fn settings(
             )),
         }
     }
-    let limits = |doc: &Document<'_>| said(doc, "autolimits").as_deref() == Some("false");
+    let limits = |doc: &Document<'_>| compiler(doc, "autolimits") == Some("false");
     if limits(&doc) != limits(host) {
         remarks.warn(format!(
             "autolimits of {} does not count: the model that attaches it decides whether ranges are limits",

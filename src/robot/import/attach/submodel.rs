@@ -6,7 +6,7 @@ use roxmltree::{Document, Node};
 
 use super::angles::Angles;
 use crate::import::classes::Classes;
-use crate::text::{Edits, escape, inner, insert_first};
+use crate::text::{Edits, compiler, escape, inner, insert_first};
 use crate::{Error, preparse};
 use robert_base::xml::numbers;
 
@@ -141,14 +141,12 @@ fn files(doc: &Document<'_>, terms: &Terms<'_>, edits: &mut Edits) {
 /// Writes out what `inertiafromgeom` and `inertiagrouprange` do, because they would count for other models,
 /// too.
 fn inertias(doc: &Document<'_>, edits: &mut Edits) {
-    let compilers = || doc.root_element().children().filter(|n| n.has_tag_name("compiler"));
-    let said = |name: &str| compilers().filter_map(|n| n.attribute(name)).next_back();
     let in_body = |n: &Node<'_, '_>| n.parent().is_some_and(|p| !p.has_tag_name("default"));
-    if said("inertiafromgeom") == Some("true") {
+    if compiler(doc, "inertiafromgeom") == Some("true") {
         let own = doc.descendants().filter(|n| n.has_tag_name("inertial"));
         own.for_each(|n| edits.replace(n.range(), ""));
     }
-    if let Some([lo, hi]) = said("inertiagrouprange").and_then(numbers::<i64>).as_deref() {
+    if let Some([lo, hi]) = compiler(doc, "inertiagrouprange").and_then(numbers::<i64>).as_deref() {
         let classes = Classes::of(doc);
         for geom in doc.descendants().filter(|n| n.has_tag_name("geom") && in_body(n)) {
             let group = classes.get(geom, &["geom"], "group").and_then(|g| g.trim().parse().ok());
@@ -157,10 +155,8 @@ fn inertias(doc: &Document<'_>, edits: &mut Edits) {
             }
         }
     }
-    for compiler in compilers() {
-        ["inertiafromgeom", "inertiagrouprange"]
-            .iter()
-            .for_each(|name| edits.unset(compiler, name));
+    for section in doc.root_element().children().filter(|n| n.has_tag_name("compiler")) {
+        ["inertiafromgeom", "inertiagrouprange"].iter().for_each(|name| edits.unset(section, name));
     }
 }
 
