@@ -109,7 +109,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let mut text = summary(&done, &precision, unit);
     text.push_str(&tried(&done, unit));
     if precision.precision.is_some_and(|p| p > SEEN) {
-        text.push_str(&cannot_hold(&unreachable(&done)?, unit));
+        text.push_str(&cannot_hold(&unreachable(&done)?, &done.robot));
     }
     input::say(taken, &text)
 }
@@ -170,12 +170,13 @@ fn unreachable(done: &Performed) -> Outcome<Value> {
 }
 
 /// The poses among what is [`unreachable`], for people.
-fn cannot_hold(found: &Value, unit: &str) -> String {
+fn cannot_hold(found: &Value, robot: &crate::robot::Robot) -> String {
     let all = found.as_array().map(Vec::as_slice).unwrap_or_default();
     let pose = |one: &Value| -> Option<String> {
         let span = one["frames"].as_array()?.first()?;
         let (from, to) = (span[0].as_u64()?, span[1].as_u64()?.saturating_sub(1));
         let (joint, distance) = (one["joint"].as_str()?, one["distance"].as_f64()?);
+        let unit = robot.joints().get(robot.joint_index(joint).ok()?)?.unit.symbol();
         let frames =
             if from == to { format!("frame {from}") } else { format!("frames {from} to {to}") };
         Some(format!("{frames} ({joint} stays {distance:.3} {unit} away)"))
