@@ -6,6 +6,8 @@
 //! makes the whole motion better (a random local search). It knows nothing of the model: each try is
 //! a rollout of the policy.
 
+use std::ops::Range;
+
 use super::gaps::{self, Unnatural};
 use super::jam;
 use super::judge::{Judge, commanded};
@@ -50,7 +52,9 @@ pub(super) struct Detours {
     shift: Vec<f64>,
     /// Its states, 30 of history first; (30 + frames, S).
     states: Vec<f64>,
-    /// The penalty of its gaps, rad or m.
+    /// The frames that count. Those after them are as they were, or not simulated yet.
+    part: Range<usize>,
+    /// The penalty of its gaps up to the end of the part, rad or m.
     gaps: f64,
     judge: Judge,
     /// Where joints stay away from their goals in it, or move unnaturally.
@@ -76,32 +80,40 @@ pub(super) struct Try {
 }
 
 impl Detours {
+    /// Searches about a motion, which must have been simulated up to the end of the `part`.
+    pub(super) fn new(motion: &Rollout, judge: &Judge, part: Range<usize>) -> Detours {
+        let none = || vec![0.0; motion.plan().frames() * motion.plan().dim()];
+        let shift = motion.shift().map_or_else(none, <[f64]>::to_vec);
+        Detours::about(motion.goals(), motion.plan(), motion.states(), shift, judge, part)
+    }
+
     /// Searches about the motion with these `states`, (30 + frames, S), and the correction `shift`,
     /// (frames, S). The policy sees the `plan`.
-    pub(super) fn new(
+    fn about(
         goals: &Goals,
         plan: &Goals,
         states: &[f64],
-        shift: &[f64],
+        shift: Vec<f64>,
         judge: &Judge,
+        part: Range<usize>,
     ) -> Detours {
+        let states = &states[..(HISTORY + part.end) * goals.dim()];
         let reached = reached(goals, states);
         Detours {
-            shift: shift.to_vec(),
+            shift,
             states: states.to_vec(),
             gaps: gaps::counted(gaps::penalty(goals, states)),
-            places: places(goals, plan, states, judge),
-            errors: (0..goals.frames()).map(|f| judge.error_at(goals, reached, f)).collect(),
+            places: places(goals, plan, states, judge, part.start),
+            errors: (0..part.end).map(|f| judge.error_at(goals, reached, f)).collect(),
             judge: judge.clone(),
+            part,
             tries: 0,
         }
     }
 
     /// Goes on from a better motion.
     pub(super) fn go_on(&mut self, better: &Rollout) {
-        let (goals, plan) = (better.goals(), better.plan());
-        let shift = better.shift().unwrap_or(&self.shift);
-        let new = Detours::new(goals, plan, better.states(), shift, &self.judge);
+        let new = Detours::new(better, &self.judge, self.part.clone());
         *self = Detours { tries: self.tries, ..new };
     }
 
@@ -120,14 +132,14 @@ impl Detours {
             .or(self.places.last())?;
         let d = goals.dim();
         let mut shift = self.shift.clone();
-        let (mut first, mut last) = (goals.frames(), 0);
+        let (mut first, mut last) = (self.part.end, 0);
         for j in 0..d {
             if j != place.joint && rng.uniform() * d as f64 > OTHERS {
                 continue;
             }
             let by = rng.range(-FARTHEST, FARTHEST);
-            let begin = place.frame.saturating_sub(rng.below(BEFORE) as usize).max(1);
-            let end = (place.frame + 1 + rng.below(AFTER) as usize).min(goals.frames());
+            let begin = place.frame.saturating_sub(rng.below(BEFORE) as usize).max(self.part.start);
+            let end = (place.frame + 1 + rng.below(AFTER) as usize).min(self.part.end);
             (first, last) = (first.min(begin), last.max(end));
             for f in begin..end {
                 let share = (f + 1 - begin).min(end - f).min(EASE) as f64 / EASE as f64;
@@ -141,8 +153,8 @@ impl Detours {
         // may only end later.
         let summed = first.saturating_sub(super::window::COMMAND);
         // The motion of a gap is known at its end.
-        let settled = (last + SETTLES..goals.frames()).find(|&f| goals.any_visible(f));
-        let settled = settled.unwrap_or(goals.frames());
+        let settled = (last + SETTLES..self.part.end).find(|&f| goals.any_visible(f));
+        let settled = settled.unwrap_or(self.part.end);
         Some(Try { shift, worse: 0.0, summed, settled, compared: false })
     }
 
@@ -166,30 +178,38 @@ impl Detours {
         let mut whole = self.states.clone();
         whole[..trial.states().len()].copy_from_slice(trial.states());
         let gaps = gaps::counted(gaps::penalty(goals, &whole)) - self.gaps;
-        one.worse + gaps * commanded(goals) < 0.0
+        one.worse + gaps * commanded(goals, &self.part) < 0.0
+    }
+
+    /// Whether there is nothing to try: every joint arrives and moves naturally.
+    pub(super) fn is_idle(&self) -> bool {
+        self.places.is_empty()
     }
 }
 
-/// The frames that a search may simulate: none if every joint arrives and moves naturally. `states`
-/// is (30 + frames, S).
-pub(super) fn budget(goals: &Goals, plan: &Goals, states: &[f64]) -> usize {
-    if places(goals, plan, states, &Judge::default()).is_empty() {
-        return 0;
-    }
+/// Whether a search may find something better than a motion: some joint stays away, or moves unnaturally.
+/// `states` is (30 + frames, S).
+pub(super) fn may_help(goals: &Goals, plan: &Goals, states: &[f64]) -> bool {
+    !places(goals, plan, states, &Judge::default(), 1).is_empty()
+}
+
+/// The frames that the search of a part of so many frames may simulate, for a robot of `dim` joints.
+pub(super) fn budget(frames: usize, dim: usize) -> usize {
     // The fewer joints a robot has, the faster it simulates and the more it can try in the same time.
-    (BUDGET * goals.frames()).min(BUDGET_MOST) * 24 / goals.dim().clamp(6, 240)
+    (BUDGET * frames).min(BUDGET_MOST) * 24 / dim.clamp(6, 240)
 }
 
-/// Joints and frames far from their goals, and those with the worst motion in gaps.
-fn places(goals: &Goals, plan: &Goals, states: &[f64], judge: &Judge) -> Vec<Place> {
+/// Joints and frames from `from` on that are far from their goals, and those with the worst motion in gaps.
+fn places(goals: &Goals, plan: &Goals, states: &[f64], judge: &Judge, from: usize) -> Vec<Place> {
     let (d, reached) = (goals.dim(), reached(goals, states));
+    let end = (reached.len() / d).min(goals.frames());
     let place = |i: usize| {
         let (frame, joint) = (i / d, i % d);
         let error = (reached[i] - goals.row(frame)[joint]).abs();
         let cost = judge.weight(goals, frame, joint) * error;
         (goals.is_visible(frame, joint) && error > jam::FAR).then_some(Place { frame, joint, cost })
     };
-    let mut found: Vec<_> = (d..goals.frames() * d).filter_map(place).collect();
+    let mut found: Vec<_> = (from * d..end * d).filter_map(place).collect();
     for jam in
         jam::off(goals, reached, jam::FAR).iter().filter(|o| o.to - o.from >= jam::LEAST_FRAMES)
     {
@@ -198,9 +218,10 @@ fn places(goals: &Goals, plan: &Goals, states: &[f64], judge: &Judge) -> Vec<Pla
     }
     for Unnatural { frame, joint, penalty } in gaps::unnatural_places(goals, states) {
         // Only goals that the policy sees can move.
-        let seen = (1..goals.frames()).filter(|&f| plan.is_visible(f, joint));
-        if let Some(frame) = seen.min_by_key(|f| f.abs_diff(frame)) {
-            found.push(Place { frame, joint, cost: penalty * commanded(goals) });
+        let seen = (from..end).filter(|&f| plan.is_visible(f, joint));
+        let inside = frame >= from;
+        if let Some(frame) = seen.min_by_key(|f| f.abs_diff(frame)).filter(|_| inside) {
+            found.push(Place { frame, joint, cost: penalty * commanded(goals, &(from..end)) });
         }
     }
     found
@@ -232,13 +253,17 @@ mod tests {
         states
     }
 
+    fn about(goals: &Goals, states: &[f64], shift: f64, part: Range<usize>) -> Detours {
+        Detours::about(goals, goals, states, vec![shift; 3 * FRAMES], &Judge::default(), part)
+    }
+
     #[test]
     fn goals_move_near_the_joint_that_stays_away_and_no_farther_than_allowed() {
         let goals = goals();
         let states = away(1, 30, 55);
-        assert_eq!(budget(&goals, &goals, &states), 4 * BUDGET * FRAMES);
-        let mut detours =
-            Detours::new(&goals, &goals, &states, &vec![0.4; 3 * FRAMES], &Judge::default());
+        assert!(may_help(&goals, &goals, &states));
+        assert_eq!(budget(FRAMES, goals.dim()), 4 * BUDGET * FRAMES);
+        let mut detours = about(&goals, &states, 0.4, 1..FRAMES);
         let mut moved = [0; 3];
         for _ in 0..200 {
             let tried = detours.next(&goals).unwrap().shift;
@@ -254,12 +279,26 @@ mod tests {
     fn nothing_is_tried_where_every_joint_arrives() {
         let goals = goals();
         let states: Vec<f64> = away(0, 30, 40).iter().map(|x| 0.2 * x).collect();
-        assert_eq!(budget(&goals, &goals, &states), 0);
-        assert!(
-            Detours::new(&goals, &goals, &states, &[0.0; 3 * FRAMES], &Judge::default())
-                .next(&goals)
-                .is_none()
-        );
+        assert!(!may_help(&goals, &goals, &states));
+        let mut detours = about(&goals, &states, 0.0, 1..FRAMES);
+        assert!(detours.is_idle() && detours.next(&goals).is_none());
+    }
+
+    #[test]
+    fn only_goals_of_the_part_move() {
+        let goals = goals();
+        let mut states = away(1, 30, 55);
+        (10..20).for_each(|f| states[3 * (HISTORY + f)] = 0.2);
+        let mut detours = about(&goals, &states, 0.0, 28..50);
+        for _ in 0..100 {
+            let tried = detours.next(&goals).unwrap();
+            let moved: Vec<_> = (0..3 * FRAMES).filter(|i| tried.shift[*i] != 0.0).collect();
+            assert!(moved.iter().all(|i| (28..50).contains(&(i / 3))), "{moved:?}");
+            assert!(tried.settled <= 50);
+        }
+        // What happens before the part, and after it, is none of its business.
+        assert!(about(&goals, &states, 0.0, 20..30).is_idle());
+        assert!(!about(&goals, &states, 0.0, 1..20).is_idle());
     }
 
     #[test]
@@ -269,12 +308,12 @@ mod tests {
         let command =
             Command::from_dense(names, vec![0.0; 3], vec![0.0; 3 * FRAMES], seen).unwrap();
         let goals = Goals::new(&command);
-        let found = places(&goals, &goals.smooth(), &away(2, 8, 11), &Judge::default());
+        let found = places(&goals, &goals.smooth(), &away(2, 8, 11), &Judge::default(), 1);
         let all: Vec<_> = found.iter().map(|p| p.joint).collect();
         assert_eq!(all, [2], "{found:?}");
         assert!((8..11).contains(&found[0].frame));
         // A policy that does not see goals in the gap is led by the nearest one.
-        assert_eq!(places(&goals, &goals, &away(2, 8, 11), &Judge::default())[0].frame, 20);
+        assert_eq!(places(&goals, &goals, &away(2, 8, 11), &Judge::default(), 1)[0].frame, 20);
         // .18 rad beyond the allowance, which weighs .06 of the Precision of 40 frames.
         assert!((found[0].cost - 0.18 * 0.06 * 3.0 * 40.0).abs() < 1e-9, "{found:?}");
     }

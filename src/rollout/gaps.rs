@@ -285,7 +285,13 @@ pub(super) fn cubic_error(goals: &Goals, history: &[f64], truth: &[f64]) -> Opti
 /// Penalty of the motion inside gaps, of a missed frame and of a free joint that wanders, rad or m; see
 /// [`penalty`]. A free joint may move, but not for a small gain of others.
 pub(super) fn unnatural(rollout: &Rollout) -> f64 {
+    unnatural_until(rollout, rollout.frames())
+}
+
+/// As [`unnatural`], of the frames before `end`.
+pub(super) fn unnatural_until(rollout: &Rollout, end: usize) -> f64 {
     let (goals, states) = (rollout.goals(), rollout.states());
+    let states = &states[..((HISTORY + end) * goals.dim()).min(states.len())];
     let way = farthest(&free(rollout.robot(), goals), goals.dim(), states);
     penalty(goals, states) + SWING_WEIGHT * (way - FREE).max(0.0)
 }

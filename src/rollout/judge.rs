@@ -9,6 +9,7 @@
 //! sum is between these goals: half bent or hardly bent at all. The tendon moves their sum, so its error
 //! decides such ties.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use super::gaps;
@@ -36,14 +37,16 @@ pub(super) struct Judge {
     ties: Arc<[Tie]>,
     /// Weights of the errors, (frames, S); `None` if all are 1.
     weights: Option<Arc<[f64]>>,
-    /// The largest sum of Precision and penalty that a motion may have, rad or m.
+    /// The largest usual sum that a motion may have, rad or m.
     most: f64,
+    /// The factor by which the usual sum may grow.
+    growth: f64,
 }
 
 impl Default for Judge {
     /// The judge of a robot without coupled joints.
     fn default() -> Judge {
-        Judge { ties: Arc::new([]), weights: None, most: f64::INFINITY }
+        Judge { ties: Arc::new([]), weights: None, most: f64::INFINITY, growth: f64::INFINITY }
     }
 }
 
@@ -75,11 +78,41 @@ impl Judge {
         }
         let usual = Judge::of(best.robot());
         let least = usual.score(best).unwrap_or(f64::INFINITY);
-        Judge {
-            weights: Some(weights.into()),
-            most: most.min((1.0 + TOLERATED_LOSS) * least),
-            ..usual
+        let most = most.min((1.0 + TOLERATED_LOSS) * least);
+        Judge { weights: Some(weights.into()), most, growth: most / least, ..usual }
+    }
+
+    /// The limit for [`Judge::score_part`] of a motion that comes after `motion`.
+    pub(super) fn limit(&self, motion: &Rollout, part: &Range<usize>) -> f64 {
+        if self.weights.is_none() {
+            return f64::INFINITY;
         }
+        let usual = Judge { weights: None, ..self.clone() };
+        self.growth * usual.sum(motion, part)
+    }
+
+    /// As [`Judge::score`], but of the frames of a part; the gaps are those up to its end. `None` if
+    /// the usual sum is not below `limit`.
+    pub(super) fn score_part(
+        &self,
+        motion: &Rollout,
+        part: &Range<usize>,
+        limit: f64,
+    ) -> Option<f64> {
+        let own = self.sum(motion, part);
+        let usual = match self.weights {
+            None => own,
+            Some(_) => Judge { weights: None, ..self.clone() }.sum(motion, part),
+        };
+        (usual < limit).then_some(own)
+    }
+
+    /// The mean weighted error of the goals of a part, and the penalty up to its end, rad or m.
+    fn sum(&self, motion: &Rollout, part: &Range<usize>) -> f64 {
+        let (goals, reached) = (motion.goals(), motion.reached());
+        let errors: f64 = part.clone().map(|f| self.error_at(goals, reached, f)).sum();
+        let penalty = gaps::counted(gaps::unnatural_until(motion, part.end));
+        errors / commanded(goals, part).max(1.0) + penalty
     }
 
     /// Precision with weighted errors and the penalty for unnatural motion in gaps, rad or m. `None`
@@ -93,7 +126,8 @@ impl Judge {
             _ => {
                 let reached = &rollout.states()[HISTORY * goals.dim()..];
                 let frames = 1..goals.frames();
-                frames.map(|f| self.error_at(goals, reached, f)).sum::<f64>() / commanded(goals)
+                let errors: f64 = frames.clone().map(|f| self.error_at(goals, reached, f)).sum();
+                errors / commanded(goals, &frames)
             }
         };
         (precision + penalty < self.most).then_some(weighted + penalty)
@@ -117,10 +151,10 @@ impl Judge {
     }
 }
 
-/// The number of goals. Precision is the mean error over them.
-pub(super) fn commanded(goals: &Goals) -> f64 {
+/// The number of goals at these frames. Precision is the mean error over those of all frames but the start.
+pub(super) fn commanded(goals: &Goals, frames: &Range<usize>) -> f64 {
     let seen = |f: usize| (0..goals.dim()).filter(move |&j| goals.is_visible(f, j)).count();
-    (1..goals.frames()).map(seen).sum::<usize>() as f64
+    frames.clone().map(seen).sum::<usize>() as f64
 }
 
 #[cfg(test)]
@@ -161,7 +195,7 @@ mod tests {
         let jam = Off { joint: 1, from: 10, to: 40 };
         let goals = rollout.goals();
         let error = |f: usize| (rollout.reached()[2 * f + 1] - goals.row(f)[1]).abs();
-        let more = 4.0 * (10..40).map(error).sum::<f64>() / commanded(goals);
+        let more = 4.0 * (10..40).map(error).sum::<f64>() / commanded(goals, &(1..goals.frames()));
         let strict = Judge::strict(&rollout, &[jam], f64::INFINITY).score(&rollout).unwrap();
         assert!(more > 0.0 && (strict - usual - more).abs() < 1e-12, "{strict} {usual} {more}");
         // What would be worse than the first motions is no choice.

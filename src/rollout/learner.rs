@@ -6,7 +6,7 @@
 //! jams, it searches again under a strict judge ([`super::judge`]). Where an error or a jolt is left that
 //! could be seen, the planner's own motion counts as well, if it is clearly better.
 
-use super::detour::{self, Detours, Try};
+use super::detour;
 use super::error::Error;
 use super::gaps::unnatural;
 use super::ilc::Repeats;
@@ -15,15 +15,10 @@ use super::judge::Judge;
 use super::planned::{self, Planned};
 use super::policy_config::PolicyConfig;
 use super::run::Rollout;
+use super::search::{self, Search};
 
-/// The number of checks of a search.
-const CHECKS: usize = 4;
-/// The share of the error that a search must gain between two checks to go on.
-const GAINS: f64 = 0.0005;
 /// The number of contenders that repeat the clip.
 pub(super) const RACERS: usize = 3;
-/// A search under a strict judge may simulate a share of the frames: one in so many.
-const STRICT: usize = 2;
 /// The score from which a planner performs the clip although every joint arrives, rad or m: smaller errors
 /// cannot be seen.
 pub(super) const VISIBLE_ERROR: f64 = 0.001;
@@ -38,18 +33,8 @@ const BEYOND_CHANCE: f64 = 0.1;
 /// The share that it must gain to be kept although the contenders move more naturally in gaps: a pole that
 /// stands is worth a jerk.
 const FAR_NEARER: f64 = 0.5;
-/// Tries of the search that are simulated at once, from the same motion. The number is fixed, so
-/// that the result does not depend on the number of threads.
-const AT_ONCE: usize = 4;
 /// Frames by which one step advances each try.
 const CHUNK: usize = 8;
-
-/// A try of the search.
-struct Attempt {
-    rollout: Rollout,
-    what: Try,
-    going: bool,
-}
 
 /// How the motion of a policy is improved, one stage after another.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -82,8 +67,8 @@ impl Stage {
 pub(super) struct Learner {
     /// The contenders that repeat the clip; after the passes, the best one alone.
     racers: Vec<Repeats>,
-    /// The frames that the search may still simulate.
-    budget: usize,
+    /// Whether joints stay away or move unnaturally after the passes.
+    wanted: bool,
     /// The planner whose path is followed before the search.
     planned: Option<Planned>,
     /// Planners whose turn comes after this one.
@@ -95,25 +80,17 @@ pub(super) struct Learner {
     own: Option<(Rollout, f64, bool)>,
     /// Frames at which joints are off their goals on the planner's path, once it is known.
     floor: Option<Vec<Off>>,
-    /// The frames of the search under a strict judge; 0 once it has begun.
-    strict: usize,
+    /// Whether a strict judge decides by now.
+    is_strict: bool,
     /// The smallest error of the motions from which the contenders learned. What is kept is better.
     first: f64,
     /// The largest penalty of these motions for unnatural motion in gaps. The planner's path may lead
     /// to as much; the search then stays below what it started from.
     natural: f64,
     /// The search, once it has begun.
-    detours: Option<Detours>,
-    /// The tries that are simulated now.
-    attempts: Vec<Attempt>,
-    /// Rollouts for more of them.
-    spare: Vec<Rollout>,
+    search: Option<Search>,
     threads: usize,
-    /// The budget at which the search ends unless it has gained enough since the last such check, and
-    /// the error then.
-    check: (usize, f64),
-    check_every: usize,
-    /// Frames simulated, but for the passes of the racers.
+    /// Frames simulated by planners and the passes that follow them.
     frames: usize,
     over: bool,
 }
@@ -132,19 +109,15 @@ impl Learner {
             racers,
             first,
             natural,
-            budget: 0,
+            wanted: false,
             planned: None,
             plans: Vec::new(),
             planner,
             own: None,
             floor: None,
-            strict: 0,
-            detours: None,
-            attempts: Vec::new(),
-            spare: Vec::new(),
+            is_strict: false,
+            search: None,
             threads: threads.max(1),
-            check: (0, f64::INFINITY),
-            check_every: 0,
             frames: 0,
             over: false,
         })
@@ -167,7 +140,7 @@ impl Learner {
 
     /// What the next step belongs to.
     pub(super) fn stage(&self) -> Stage {
-        match (&self.planned, &self.detours) {
+        match (&self.planned, &self.search) {
             (_, Some(_)) => Stage::Search,
             (Some(planned), None) if planned.began => Stage::Follow,
             (Some(_), None) => Stage::Plan,
@@ -177,17 +150,20 @@ impl Learner {
 
     /// Frames simulated so far.
     pub(super) fn frames(&self) -> usize {
-        self.frames + self.racers.iter().map(|r| r.frames).sum::<usize>()
+        let searched = self.search.as_ref().map_or(0, Search::frames);
+        self.frames + searched + self.racers.iter().map(|r| r.frames).sum::<usize>()
     }
 
     /// Frames that are still to be simulated in this stage, at most.
     pub(super) fn frames_left(&self) -> usize {
-        match (self.stage(), &self.planned) {
+        match (&self.search, &self.planned) {
             _ if self.over => 0,
-            (Stage::Search, _) => self.budget,
-            (Stage::Follow, Some(planned)) => planned.frames_left(self.lead().trial.frame()),
-            (Stage::Plan, Some(planned)) => planned.frames_to_plan(),
-            _ => self.racers.iter().map(Repeats::frames_left).sum(),
+            (Some(search), _) => search.frames_left(),
+            (None, Some(planned)) if planned.began => {
+                planned.frames_left(self.lead().trial.frame())
+            }
+            (None, Some(planned)) => planned.frames_to_plan(),
+            (None, None) => self.racers.iter().map(Repeats::frames_left).sum(),
         }
     }
 
@@ -260,7 +236,7 @@ impl Learner {
     /// Some frames of the passes of each racer; false after the last one.
     fn race(&mut self) -> bool {
         let mut going: Vec<_> = self.racers.iter_mut().filter(|r| !r.is_over()).collect();
-        on_threads(self.threads, &mut going, |racer| racer.advance(CHUNK));
+        search::on_threads(self.threads, &mut going, |racer| racer.advance(CHUNK));
         !going.is_empty()
     }
 
@@ -270,15 +246,14 @@ impl Learner {
         let all = self.frames();
         let lead = self.racers.swap_remove(self.place());
         self.frames = all - lead.frames;
-        if lead.is_fast {
-            self.budget = detour::budget(lead.trial.goals(), lead.trial.plan(), lead.best_states());
-        }
+        let (goals, plan) = (lead.trial.goals(), lead.trial.plan());
+        self.wanted = lead.is_fast && detour::may_help(goals, plan, lead.best_states());
         if lead.is_fast && planned::is_affordable(&lead.trial) {
             // Free of a guide it finds more ways around what blocks a joint; with one it moves naturally.
             let own = self.planner.iter().map(|(_, config)| config.clone());
-            self.plans.extend(own.filter(|_| self.budget > 0 || falls_short(&lead)));
+            self.plans.extend(own.filter(|_| self.wanted || falls_short(&lead)));
             let free = PolicyConfig::floor();
-            if self.budget > 0 && !self.plans.contains(&free) {
+            if self.wanted && !self.plans.contains(&free) {
                 self.plans.push(free);
             }
         }
@@ -342,149 +317,48 @@ impl Learner {
     /// Begins to search; false if every joint arrives by now, or the planner's own motion is nearer by so
     /// much that a search will hardly find it.
     fn begin_search(&mut self, fresh: &dyn Fn(usize) -> Result<Rollout, Error>) -> bool {
-        self.strict = self.budget / STRICT;
         let lead = self.lead();
-        let (goals, plan, states) = (lead.trial.goals(), lead.trial.plan(), lead.best_states());
         let found = self.own_by(BEYOND_CHANCE).is_some();
-        if found || self.budget == 0 || detour::budget(goals, plan, states) == 0 {
+        let may_help = detour::may_help(lead.trial.goals(), lead.trial.plan(), lead.best_states());
+        if !self.wanted || found || !may_help {
             return false;
         }
-        // The first better try takes the place of a best motion, if there is none yet.
-        let count = AT_ONCE + usize::from(lead.best().is_none());
-        let rollouts: Result<Vec<Rollout>, Error> = (0..count).map(|_| fresh(lead.at)).collect();
-        let Ok(rollouts) = rollouts else { return false };
-        let none = vec![0.0; plan.frames() * plan.dim()];
-        let shift = lead.best().and_then(Rollout::shift).unwrap_or(&none);
-        self.detours = Some(Detours::new(goals, plan, states, shift, lead.judge()));
-        self.spare = rollouts;
-        self.check_every = self.budget / CHECKS;
-        self.check = (self.budget - self.check_every, self.lead().least);
-        true
+        self.search = Search::new(lead.best(), lead.judge(), self.threads, || fresh(lead.at)).ok();
+        self.search.is_some()
+    }
+
+    /// Some frames of the search; false at its end.
+    fn search(&mut self) -> bool {
+        let (Some(search), [lead]) = (&mut self.search, &mut self.racers[..]) else { return false };
+        let going = search.step();
+        if let Some(better) = search.offer(lead.least, lead.gaps) {
+            search.give_back(lead.keep(better));
+        }
+        going
     }
 
     /// Searches again if a joint jams in the best motion; false if none does.
     fn search_strictly(&mut self) -> bool {
-        let budget = std::mem::take(&mut self.strict);
-        // The tries that the end of the first search cut off were compared with another measure.
-        self.spare.extend(self.attempts.drain(..).map(|a| a.rollout));
         let (Some(best), Some(floor)) = (self.lead().best(), &self.floor) else { return false };
         let jams = jam::jams(&jam::off(best.goals(), best.reached(), jam::FAR), floor);
-        if budget == 0 || jams.is_empty() {
+        if self.is_strict || jams.is_empty() {
             return false;
         }
         let judge = Judge::strict(best, &jams, self.first);
-        let shift = best.shift().unwrap_or_default();
-        let detours = Detours::new(best.goals(), best.plan(), best.states(), shift, &judge);
-        self.detours = Some(detours);
-        self.lead_mut().judge_by(judge);
+        self.is_strict = true;
+        self.lead_mut().judge_by(judge.clone());
         self.own = self.own.take().and_then(|(motion, ..)| self.score_own(motion));
         if self.own().is_some() {
             return false;
         }
-        self.budget = budget;
-        self.check_every = budget / CHECKS;
-        self.check = (budget - self.check_every, self.lead().least);
-        true
-    }
-
-    /// Some frames of each try.
-    fn search(&mut self) -> bool {
-        if self.attempts.iter().all(|a| !a.going) {
-            self.adopt_best();
-            if self.stalls() || !self.next_tries() {
-                return false;
-            }
-        }
-        let Some(detours) = &self.detours else { return false };
-        let before: usize = self.attempts.iter().map(|a| a.rollout.simulated()).sum();
-        let mut going: Vec<_> = self.attempts.iter_mut().filter(|a| a.going).collect();
-        on_threads(self.threads, &mut going, |a| a.advance(detours));
-        let frames = self.attempts.iter().map(|a| a.rollout.simulated()).sum::<usize>() - before;
-        self.frames += frames;
-        self.budget = self.budget.saturating_sub(frames);
-        if self.budget == 0 {
-            self.adopt_best();
-        }
-        self.budget > 0
-    }
-
-    /// Whether the search has gained too little for its time.
-    fn stalls(&mut self) -> bool {
-        let (at, error) = self.check;
-        if self.budget > at {
-            return false;
-        }
-        let least = self.lead().least;
-        self.check = (self.budget.saturating_sub(self.check_every), least);
-        least > (1.0 - GAINS) * error
-    }
-
-    /// Begins the next tries; false if there is nothing to try.
-    fn next_tries(&mut self) -> bool {
-        let ([lead], Some(detours)) = (&self.racers[..], &mut self.detours) else { return false };
-        self.spare.extend(self.attempts.drain(..).map(|a| a.rollout));
-        for _ in 0..AT_ONCE {
-            let Some(what) = detours.next(lead.trial.goals()) else { break };
-            let Some(mut rollout) = self.spare.pop() else { break };
-            let begun = match lead.best() {
-                Some(best) => rollout.branch(best, &what.shift),
-                None => rollout.correct(&what.shift),
-            };
-            // A try counts as a frame, so that the search ends even if tries change nothing.
-            self.budget = self.budget.saturating_sub(1);
-            self.frames += 1;
-            self.attempts.push(Attempt { rollout, what, going: begun.is_ok() });
-        }
-        !self.attempts.is_empty()
-    }
-
-    /// Goes on from the best of the tries, if one is better.
-    fn adopt_best(&mut self) {
-        let (least, gaps) = (self.lead().least, self.lead().gaps);
-        let judge = self.lead().judge();
-        let score = |a: &Attempt| a.rollout.is_done().then(|| judge.score(&a.rollout)).flatten();
-        let scores = self.attempts.iter().enumerate().filter_map(|(at, a)| Some((at, score(a)?)));
-        let fair =
-            scores.filter(|(at, e)| *e < least && unnatural(&self.attempts[*at].rollout) <= gaps);
-        let Some((at, _)) = fair.min_by(|a, b| a.1.total_cmp(&b.1)) else { return };
-        let better = self.attempts.swap_remove(at).rollout;
-        if let Some(detours) = &mut self.detours {
-            detours.go_on(&better);
-        }
-        let spare = self.lead_mut().keep(better);
-        self.spare.extend(spare);
+        let (Some(search), [lead]) = (&mut self.search, &self.racers[..]) else { return false };
+        lead.best().is_some_and(|best| search.again(best, &judge, &jams).is_ok())
     }
 }
 
 /// Whether a person would see what is left.
 fn falls_short(lead: &Repeats) -> bool {
     lead.least > VISIBLE_ERROR || lead.gaps > UNNATURAL
-}
-
-/// Lets `work` be done on each item, shared among threads.
-fn on_threads<T: Send>(threads: usize, items: &mut [&mut T], work: impl Fn(&mut T) + Sync) {
-    let share = items.len().div_ceil(threads).max(1);
-    let each = |some: &mut [&mut T]| some.iter_mut().for_each(|item| work(item));
-    std::thread::scope(|scope| {
-        let mut shares = items.chunks_mut(share);
-        let own = shares.next();
-        let each = &each;
-        shares.for_each(|some| drop(scope.spawn(move || each(some))));
-        own.map(each);
-    });
-}
-
-impl Attempt {
-    fn advance(&mut self, detours: &Detours) {
-        for _ in 0..CHUNK {
-            // The plant may diverge with a correction.
-            let moved = matches!(self.rollout.step(), Ok(Some(_)));
-            self.going = moved && detours.promises(&mut self.what, &self.rollout);
-            if !self.going {
-                return;
-            }
-        }
-    }
 }
 
 #[cfg(test)]
@@ -515,7 +389,8 @@ mod tests {
                 assert!(learner.step(fresh));
             }
             let before = (learner.lead().least, learner.lead().gaps);
-            let most = learner.frames_left() + learner.strict + 2 * AT_ONCE * CHUNK;
+            // The second search has half of the frames, and the last step of each may exceed them a little.
+            let most = learner.frames_left() * 3 / 2 + 2 * search::AT_ONCE * CHUNK;
             let frames = learner.frames();
             while learner.step(fresh) {}
             assert!(learner.frames() - frames <= most, "{} of {most}", learner.frames() - frames);

@@ -354,6 +354,14 @@ impl Rollout {
         Ok(())
     }
 
+    /// Takes over the corrections and the frames of `other`, which is the same rollout otherwise.
+    pub(super) fn copy(&mut self, other: &Rollout) -> Result<(), Error> {
+        match other.shift() {
+            Some(shift) => self.branch(other, shift),
+            None => self.branch(other, &vec![0.0; other.frames() * other.goals.dim()]),
+        }
+    }
+
     /// The corrections, if there are any; (frames, S).
     pub(super) fn shift(&self) -> Option<&[f64]> {
         self.shift.as_deref()
