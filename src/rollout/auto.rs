@@ -18,6 +18,7 @@ use super::guide::Guide;
 use super::ilc::{self, Repeats};
 use super::ilqr::IlqrConfig;
 use super::inference::Inference;
+use super::judge::Judge;
 use super::learner::{Learner, RACERS, Stage};
 use super::policy::Policy;
 use super::policy_config::PolicyConfig;
@@ -205,7 +206,7 @@ impl Contenders {
         let racer = |turn: usize| {
             let (at, first) = rollouts[turn].as_ref()?;
             let fresh = [again(*at).ok()?, again(*at).ok()?];
-            Repeats::new((*at, &self.list[*at].0), first, fresh).ok()?
+            Repeats::new((*at, &self.list[*at].0), first, fresh, judge(&tried, first)).ok()?
         };
         let racers = leaders(&tried).filter(|_| learns).filter_map(racer).collect();
         let better = Learner::new(racers, self.planner.clone(), threads)
@@ -337,6 +338,11 @@ fn near(tried: &[Trial]) -> f64 {
     let pd = tried.iter().find(|t| t.policy == "pd" || t.policy.starts_with("pd+"));
     let precision = pd.and_then(|t| t.precision).filter(|p| p.is_finite());
     precision.map_or(f64::INFINITY, |p| (1.0 + FARTHER) * p)
+}
+
+/// What decides between the motions of contenders that repeat the clip; `first` is one of the motions tried.
+pub(super) fn judge(tried: &[Trial], first: &Rollout) -> Judge {
+    Judge::of(first.robot()).no_farther_than(near(tried))
 }
 
 /// The contenders that repeat the clip, best first.

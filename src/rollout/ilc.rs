@@ -147,7 +147,7 @@ pub(super) struct Repeats {
 
 impl Repeats {
     /// Learns from `first`, which `policy`, the contender `at`, has performed to its end. The two
-    /// rollouts are the same at their beginning. `None` if the clip is too long, or commands nothing.
+    /// rollouts are the same at their beginning. The judge decides what is kept. `None` if the clip is too long, or commands nothing.
     ///
     /// # Errors
     /// As [`Rollout::correct`].
@@ -155,11 +155,13 @@ impl Repeats {
         (at, policy): (usize, &PolicyConfig),
         first: &Rollout,
         [mut trial, spare]: [Rollout; 2],
+        judge: Judge,
     ) -> Result<Option<Repeats>, Error> {
-        let judge = Judge::of(first.robot());
-        let Some(least) = judge.score(first).filter(|_| first.frames() <= LONGEST) else {
+        if first.precision().precision.is_none() || first.frames() > LONGEST {
             return Ok(None);
-        };
+        }
+        // What the judge refuses may still become better.
+        let least = judge.score(first).unwrap_or(f64::INFINITY);
         let mut correction = Correction::new(first.plan());
         correction.learn(first.plan(), first.reached());
         trial.correct(&correction.shift)?;
@@ -310,7 +312,11 @@ mod tests {
         first.run(&Cancel::default()).unwrap();
         let score = |r: &Rollout| Judge::of(r.robot()).score(r);
         let before = score(&first).unwrap();
-        let repeats = Repeats::new((0, &policy), &first, [fresh(), fresh()]).unwrap();
+        // A judge who refuses the first motion takes one that becomes better.
+        let most = 0.9 * first.precision().precision.unwrap();
+        let judge = Judge::of(&robot).no_farther_than(most);
+        assert_eq!(judge.score(&first), None);
+        let repeats = Repeats::new((0, &policy), &first, [fresh(), fresh()], judge).unwrap();
         let mut repeats = repeats.unwrap();
         while !repeats.is_over() {
             repeats.advance(8);

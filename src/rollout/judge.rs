@@ -37,6 +37,8 @@ pub(super) struct Judge {
     ties: Arc<[Tie]>,
     /// Weights of the errors, (frames, S); `None` if all are 1.
     weights: Option<Arc<[f64]>>,
+    /// The largest Precision that a motion may have, rad or m.
+    farthest: f64,
     /// The largest usual sum that a motion may have, rad or m.
     most: f64,
     /// The factor by which the usual sum may grow.
@@ -46,7 +48,8 @@ pub(super) struct Judge {
 impl Default for Judge {
     /// The judge of a robot without coupled joints.
     fn default() -> Judge {
-        Judge { ties: Arc::new([]), weights: None, most: f64::INFINITY, growth: f64::INFINITY }
+        let (any, ties) = (f64::INFINITY, Arc::new([]));
+        Judge { ties, weights: None, farthest: any, most: any, growth: any }
     }
 }
 
@@ -68,15 +71,20 @@ impl Judge {
         Judge { ties, ..Judge::default() }
     }
 
+    /// The same judge, who refuses motions with a larger Precision than `farthest`, rad or m.
+    pub(super) fn no_farther_than(self, farthest: f64) -> Judge {
+        Judge { farthest, ..self }
+    }
+
     /// A strict judge of motions that should lose the jams of `best`. Their usual sum stays below
     /// `most`.
-    pub(super) fn strict(best: &Rollout, jams: &[Off], most: f64) -> Judge {
+    pub(super) fn strict(&self, best: &Rollout, jams: &[Off], most: f64) -> Judge {
         let (goals, d) = (best.goals(), best.goals().dim());
         let mut weights = vec![1.0; goals.frames() * d];
         for jam in jams {
             (jam.from..jam.to).for_each(|f| weights[f * d + jam.joint] = JAM_WEIGHT);
         }
-        let usual = Judge::of(best.robot());
+        let usual = Judge { weights: None, most: f64::INFINITY, ..self.clone() };
         let least = usual.score(best).unwrap_or(f64::INFINITY);
         let most = most.min((1.0 + TOLERATED_LOSS) * least);
         Judge { weights: Some(weights.into()), most, growth: most / least, ..usual }
@@ -116,7 +124,7 @@ impl Judge {
     }
 
     /// Precision with weighted errors and the penalty for unnatural motion in gaps, rad or m. `None`
-    /// if nothing was commanded, or if the usual sum is too large.
+    /// if nothing was commanded, or if Precision or the usual sum is too large.
     pub(super) fn score(&self, rollout: &Rollout) -> Option<f64> {
         let goals = rollout.goals();
         let precision = rollout.precision().precision?;
@@ -130,7 +138,8 @@ impl Judge {
                 errors / commanded(goals, &frames)
             }
         };
-        (precision + penalty < self.most).then_some(weighted + penalty)
+        (precision <= self.farthest && precision + penalty < self.most)
+            .then_some(weighted + penalty)
     }
 
     /// The weight of a joint's error at a frame.
@@ -196,9 +205,13 @@ mod tests {
         let goals = rollout.goals();
         let error = |f: usize| (rollout.reached()[2 * f + 1] - goals.row(f)[1]).abs();
         let more = 4.0 * (10..40).map(error).sum::<f64>() / commanded(goals, &(1..goals.frames()));
-        let strict = Judge::strict(&rollout, &[jam], f64::INFINITY).score(&rollout).unwrap();
+        let judge = Judge::of(&robot);
+        let strict = judge.strict(&rollout, &[jam], f64::INFINITY).score(&rollout).unwrap();
         assert!(more > 0.0 && (strict - usual - more).abs() < 1e-12, "{strict} {usual} {more}");
         // What would be worse than the first motions is no choice.
-        assert_eq!(Judge::strict(&rollout, &[jam], 0.9 * usual).score(&rollout), None);
+        assert_eq!(judge.strict(&rollout, &[jam], 0.9 * usual).score(&rollout), None);
+        let precision = rollout.precision().precision.unwrap();
+        assert!(judge.clone().no_farther_than(precision).score(&rollout).is_some());
+        assert_eq!(judge.no_farther_than(0.99 * precision).score(&rollout), None);
     }
 }

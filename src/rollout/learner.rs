@@ -11,7 +11,6 @@ use super::error::Error;
 use super::gaps::unnatural;
 use super::ilc::Repeats;
 use super::jam::{self, Off};
-use super::judge::Judge;
 use super::planned::{self, Planned};
 use super::policy_config::PolicyConfig;
 use super::run::Rollout;
@@ -344,7 +343,7 @@ impl Learner {
         if self.is_strict || jams.is_empty() {
             return false;
         }
-        let judge = Judge::strict(best, &jams, self.first);
+        let judge = self.lead().judge().strict(best, &jams, self.first);
         self.is_strict = true;
         self.lead_mut().judge_by(judge.clone());
         self.own = self.own.take().and_then(|(motion, ..)| self.score_own(motion));
@@ -364,6 +363,7 @@ fn falls_short(lead: &Repeats) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::judge::Judge;
     use crate::{PolicyConfig, PolicyName, RolloutConfig, Start, tasks};
     use robert_base::progress::Cancel;
     use robert_clip::compile;
@@ -383,7 +383,8 @@ mod tests {
         first.run(&Cancel::default()).unwrap();
         let search = |threads| {
             let rollouts = [fresh(0).unwrap(), fresh(0).unwrap()];
-            let racer = Repeats::new((0, &policy), &first, rollouts).unwrap().unwrap();
+            let racer =
+                Repeats::new((0, &policy), &first, rollouts, Judge::of(&robot)).unwrap().unwrap();
             let mut learner = Learner::new(vec![racer], None, threads).unwrap();
             while learner.stage() != Stage::Search {
                 assert!(learner.step(fresh));

@@ -6,7 +6,7 @@
 
 use std::sync::Arc;
 
-use super::auto::{Trial, best, configs, differing, leaders, leads, learns, planner};
+use super::auto::{Trial, best, configs, differing, judge, leaders, leads, learns, planner};
 use super::error::Error;
 use super::ilc::Repeats;
 use super::learner::{Learner, Stage};
@@ -209,7 +209,8 @@ impl LiveRollout {
             let own = &self.contenders[at];
             let fresh = || beginning(&self.robot, own, &self.command, self.seed).ok();
             let first = own.rollout.as_ref()?;
-            Repeats::new((at, &own.policy), first, [fresh()?, fresh()?]).ok()?
+            let rollouts = [fresh()?, fresh()?];
+            Repeats::new((at, &own.policy), first, rollouts, judge(&trials, first)).ok()?
         };
         let threads = robert_base::parallel::cores();
         Learner::new(leaders(&trials).filter_map(racer).collect(), self.planner.clone(), threads)

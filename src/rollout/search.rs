@@ -393,7 +393,7 @@ mod tests {
         assert_eq!(repeated.actions(), better.actions());
         // A motion that jams in the second part is searched there only.
         let jam = Off { joint: 0, from: all[1].start + 5, to: all[1].start + 30 };
-        one.again(&first, &Judge::strict(&first, &[jam], f64::INFINITY), &[jam]).unwrap();
+        one.again(&first, &judge.strict(&first, &[jam], f64::INFINITY), &[jam]).unwrap();
         assert_eq!(one.frames_left(), detour::budget(all[1].len() + 1, 2) / STRICT);
     }
 }
