@@ -16,8 +16,6 @@ use super::policy_config::PolicyConfig;
 use super::run::Rollout;
 use super::search::{self, Search};
 
-/// The number of contenders that repeat the clip.
-pub(super) const RACERS: usize = 3;
 /// The score from which a planner performs the clip although every joint arrives, rad or m: smaller errors
 /// cannot be seen.
 pub(super) const VISIBLE_ERROR: f64 = 0.001;

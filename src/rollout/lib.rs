@@ -13,6 +13,7 @@ mod adaptive_computed_torque;
 mod auto;
 mod clip_facts;
 mod computed_torque;
+mod contest;
 mod curve;
 mod detour;
 mod error;
@@ -53,10 +54,11 @@ mod spline;
 mod stats;
 mod suite;
 pub mod tasks;
+mod trial;
 mod window;
 mod zero;
 
-pub use auto::{Chosen, Contenders, Trial};
+pub use auto::{Chosen, Contenders};
 pub use clip_facts::{ClipFacts, Settler};
 pub use error::Error;
 pub use extracted_tasks::{EXTRACTED_FRAMES, Masking, extract_task, extracted_cases, test_suites};
@@ -83,4 +85,5 @@ pub use stats::{Interval, mean_ci95};
 pub use suite::{
     Case, CaseResult, EvalConfig, Evaluation, Floor, Jam, Suite, evaluate, evaluate_on,
 };
+pub use trial::Trial;
 pub use window::{COMMAND, Goals, HISTORY, Window};

@@ -6,19 +6,19 @@
 
 use std::sync::Arc;
 
-use super::auto::{Trial, best, configs, differing, judge, leaders, leads, learns, planner};
+use super::contest::Contest;
 use super::error::Error;
-use super::ilc::Repeats;
 use super::learner::{Learner, Stage};
 use super::policy_config::PolicyConfig;
-use super::run::{Rollout, RolloutConfig, Start};
+use super::run::{Rollout, Start};
+use super::trial::{Trial, best};
 use super::window::Goals;
 use robert_clip::Command;
 use robert_robot::Robot;
 
 /// One policy on the clip.
+#[derive(Default)]
 struct Contender {
-    policy: PolicyConfig,
     rollout: Option<Rollout>,
     /// The edit that its rollout performs.
     edit: u64,
@@ -28,15 +28,11 @@ struct Contender {
 
 /// A clip that is performed while it is edited.
 pub struct LiveRollout {
-    robot: Arc<Robot>,
+    contest: Contest,
     contenders: Vec<Contender>,
     /// The contender that is shown, and how often its corrections had improved what is shown: 0 if
     /// it is shown as it is.
     shown: (usize, usize),
-    /// Whether the best contender repeats the clip.
-    learns: bool,
-    /// The planner whose path the best one may follow, and its place after the contenders.
-    planner: Option<(usize, PolicyConfig)>,
     /// The contenders that repeat the clip, once all have performed it.
     learner: Option<Learner>,
     command: Command,
@@ -71,17 +67,14 @@ impl LiveRollout {
         seed: u64,
         command: &Command,
     ) -> Result<LiveRollout, Error> {
-        let policies = configs(robot, asked)?;
+        let contest = Contest::new(robot, asked)?;
         let goals = Goals::new(command);
-        let differing = differing(&policies.iter().collect::<Vec<_>>(), &goals);
-        let planner = planner(robot, asked).map(|config| (policies.len(), config));
-        let contender = |policy| Contender { policy, rollout: None, edit: 0, failed: None };
+        let differing = contest.differing(&goals);
+        let contenders = contest.policies().iter().map(|_| Contender::default()).collect();
         let mut live = LiveRollout {
-            robot: Arc::clone(robot),
-            contenders: policies.into_iter().map(contender).collect(),
+            contest,
+            contenders,
             shown: (0, 0),
-            learns: learns(asked),
-            planner,
             learner: None,
             command: command.clone(),
             differing,
@@ -118,8 +111,7 @@ impl LiveRollout {
     /// As [`Rollout::new`].
     pub fn set_command(&mut self, command: &Command) -> Result<usize, Error> {
         let goals = Goals::new(command);
-        let policies: Vec<&PolicyConfig> = self.contenders.iter().map(|c| &c.policy).collect();
-        self.differing = differing(&policies, &goals);
+        self.differing = self.contest.differing(&goals);
         (self.command, self.frames) = (command.clone(), goals.frames());
         self.edit += 1;
         let leader = self.learner.take().map(|learner| learner.leader());
@@ -134,19 +126,17 @@ impl LiveRollout {
 
     /// Makes a contender's rollout continue with the current command.
     fn take_up(&mut self, at: usize) -> Result<(), Error> {
-        let Contender { policy, rollout, edit, failed } = &mut self.contenders[at];
+        let Contender { rollout, edit, failed } = &mut self.contenders[at];
         if *edit == self.edit {
             return Ok(());
         }
         *failed = None;
-        if let Some(rollout) = rollout {
-            rollout.set_command(&self.command)?;
-        } else {
-            let config =
-                RolloutConfig { seed: self.seed, guide: policy.guide, ..RolloutConfig::default() };
-            let built = policy.build(&self.robot)?;
-            let fresh = Rollout::new(&self.robot, built, &self.command, Start::Pose, config)?;
-            *rollout = Some(fresh);
+        match rollout {
+            Some(rollout) => drop(rollout.set_command(&self.command)?),
+            None => {
+                let (command, seed) = (&self.command, self.seed);
+                *rollout = Some(self.contest.rollout(at, None, command, &Start::Pose, seed)?);
+            }
         }
         *edit = self.edit;
         Ok(())
@@ -190,39 +180,45 @@ impl LiveRollout {
     /// Simulates one frame of a repetition by the best contender, or some of a search. False after the
     /// last one.
     fn learn(&mut self) -> bool {
-        if !self.learns {
+        if !self.contest.learns {
             return false;
         }
         if self.learner.is_none() {
             self.learner = self.learner();
         }
-        let Some(learner) = &mut self.learner else { return false };
-        learner.step(|at| beginning(&self.robot, &self.contenders[at], &self.command, self.seed))
+        let mut learner = self.learner.take();
+        let going = learner.as_mut().is_some_and(|learner| learner.step(|at| self.beginning(at)));
+        self.learner = learner;
+        going
     }
 
     /// The best contenders, about to repeat the clip; `None` if none can.
     fn learner(&self) -> Option<Learner> {
-        let tried = self.tried();
-        let trials: Vec<Trial> = tried.iter().map(|(_, t)| t.clone()).collect();
-        let racer = |turn: usize| {
-            let at = tried[turn].0;
-            let own = &self.contenders[at];
-            let fresh = || beginning(&self.robot, own, &self.command, self.seed).ok();
-            let first = own.rollout.as_ref()?;
-            let rollouts = [fresh()?, fresh()?];
-            Repeats::new((at, &own.policy), first, rollouts, judge(&trials, first)).ok()?
-        };
+        let (places, trials): (Vec<usize>, Vec<Trial>) = self.tried().into_iter().unzip();
+        let motion = |at: &usize| Some((*at, self.contenders[*at].rollout.as_ref()?));
+        let motions: Vec<_> = places.iter().map(motion).collect();
         let threads = robert_base::parallel::cores();
-        Learner::new(leaders(&trials).filter_map(racer).collect(), self.planner.clone(), threads)
+        self.contest.learner(&trials, &motions, |at| self.beginning(at), threads)
+    }
+
+    /// A rollout of a contender at its beginning.
+    fn beginning(&self, at: usize) -> Result<Rollout, Error> {
+        let fork = self.contenders[at].rollout.as_ref().and_then(Rollout::fork_policy);
+        self.contest.rollout(at, fork, &self.command, &Start::Pose, self.seed)
     }
 
     /// What the contenders achieved that have something of their own to show.
     fn tried(&self) -> Vec<(usize, Trial)> {
-        let trial = |c: &Contender| match (&c.rollout, &c.failed) {
-            (Some(rollout), None) => Trial::of(&c.policy, rollout),
-            (_, failed) => Trial::failed(&c.policy, failed.as_ref()),
+        let trial = |at: usize| {
+            let policy = self.contest.policy(at);
+            match &self.contenders[at] {
+                Contender { rollout: Some(rollout), failed: None, .. } => {
+                    Trial::of(policy, rollout)
+                }
+                Contender { failed, .. } => Trial::failed(policy, failed.as_ref()),
+            }
         };
-        self.differing.iter().map(|&at| (at, trial(&self.contenders[at]))).collect()
+        self.differing.iter().map(|&at| (at, trial(at))).collect()
     }
 
     /// How the best contender improves its motion at the moment; `None` while contenders perform.
@@ -256,37 +252,18 @@ impl LiveRollout {
         };
         let mut at = places[turn];
         let mut improvements = 0;
-        let mut policy = self.contenders[at].policy.clone();
-        if let Some((learner, better)) = self.learner.as_ref().and_then(|l| Some((l, l.best()?))) {
-            let leader = match &self.planner {
-                Some((own, config)) if *own == learner.at() => config,
-                _ => &self.contenders[learner.at()].policy,
-            };
-            let own = PolicyConfig { ilc: better.shift().is_some(), ..leader.clone() };
-            let trial = Trial::of(&own, better);
-            if leads(&tried, &trial) {
-                tried.push(trial);
-                (at, policy, improvements) = (learner.at(), own, learner.improvements());
-            }
+        let mut policy = self.contest.policy(at).clone();
+        if let Some(learner) = &self.learner
+            && let Some(motion) = learner.best()
+            && let Some((own, trial)) = self.contest.better(&tried, learner.at(), motion)
+        {
+            tried.push(trial);
+            (at, policy, improvements) = (learner.at(), own, learner.improvements());
         }
         let shown = (at, improvements);
         let changed = std::mem::replace(&mut self.shown, shown) != shown;
         Ok(Choice { policy: policy.label(), changed, tried })
     }
-}
-
-/// A rollout of a contender at its beginning.
-fn beginning(
-    robot: &Arc<Robot>,
-    contender: &Contender,
-    command: &Command,
-    seed: u64,
-) -> Result<Rollout, Error> {
-    let Contender { policy, rollout, .. } = contender;
-    let fork = rollout.as_ref().and_then(Rollout::fork_policy);
-    let built = fork.map_or_else(|| policy.build(robot), Ok)?;
-    let config = RolloutConfig { seed, guide: policy.guide, ..RolloutConfig::default() };
-    Rollout::new(robot, built, command, Start::Pose, config)
 }
 
 impl std::fmt::Debug for LiveRollout {

@@ -1,0 +1,121 @@
+//! What one policy achieved on a clip, and which of several is best.
+
+use serde::{Deserialize, Serialize};
+
+use super::error::Error;
+use super::gaps::{counted, unnatural};
+use super::policy_config::PolicyConfig;
+use super::run::Rollout;
+
+/// The share by which the Precision of the chosen motion may be worse than that of proportional control.
+const FARTHER: f64 = 0.03;
+
+/// The number of contenders that repeat the clip.
+const RACERS: usize = 3;
+
+/// The result of one contender.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
+pub struct Trial {
+    /// The policy, as in [`PolicyConfig::label`].
+    pub policy: String,
+    /// Its Precision, rad or m; `None` when it failed, or when nothing was commanded.
+    pub precision: Option<f64>,
+    /// Penalty of its motion, rad or m: for overshoot, long paths and jerk in gaps, and for a missed
+    /// frame. 0 if the motion is within the limits.
+    pub gaps: f64,
+    /// Why it failed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub error: Option<String>,
+}
+
+impl Trial {
+    /// A policy that has performed the clip.
+    pub(super) fn of(policy: &PolicyConfig, rollout: &Rollout) -> Trial {
+        Trial {
+            policy: policy.label(),
+            precision: rollout.precision().precision,
+            gaps: counted(unnatural(rollout)),
+            error: None,
+        }
+    }
+
+    /// A policy that could not perform it.
+    pub(super) fn failed(policy: &PolicyConfig, error: Option<&Error>) -> Trial {
+        let error = error.map(ToString::to_string);
+        Trial { policy: policy.label(), precision: None, gaps: 0.0, error }
+    }
+
+    /// What decides: the smaller the better.
+    fn score(&self) -> Option<f64> {
+        Some(self.precision? + self.gaps)
+    }
+
+    /// The score of a motion whose Precision is not above `limit`.
+    fn score_below(&self, limit: f64) -> Option<f64> {
+        self.score().filter(|_| self.precision.is_some_and(|p| p <= limit))
+    }
+}
+
+/// The contender with the smallest sum of error and gap penalty among the [`near`] ones; the first among
+/// equals.
+pub(super) fn best(tried: &[Trial]) -> Option<usize> {
+    let limit = near(tried);
+    let scored = tried.iter().enumerate().filter_map(|(at, t)| Some((at, t.score_below(limit)?)));
+    scored.min_by(|(_, a), (_, b)| a.total_cmp(b)).map(|(at, _)| at)
+}
+
+/// Whether a policy is better than all that were tried.
+pub(super) fn leads(tried: &[Trial], trial: &Trial) -> bool {
+    let limit = near(tried);
+    let others = || tried.iter().filter_map(|t| t.score_below(limit));
+    trial.score_below(limit).is_some_and(|s| others().all(|t| s < t))
+}
+
+/// The largest Precision that may be chosen, rad or m. A motion that is farther from its goals than
+/// proportional control is no choice, however natural it is in its gaps.
+pub(super) fn near(tried: &[Trial]) -> f64 {
+    let pd = tried.iter().find(|t| t.policy == "pd" || t.policy.starts_with("pd+"));
+    let precision = pd.and_then(|t| t.precision).filter(|p| p.is_finite());
+    precision.map_or(f64::INFINITY, |p| (1.0 + FARTHER) * p)
+}
+
+/// The contenders that repeat the clip, best first.
+pub(super) fn leaders(tried: &[Trial]) -> impl Iterator<Item = usize> {
+    let mut scored: Vec<_> =
+        tried.iter().enumerate().filter_map(|(at, t)| Some((t.score()?, at))).collect();
+    scored.sort_by(|a, b| a.0.total_cmp(&b.0));
+    scored.into_iter().map(|(_, at)| at).take(RACERS)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn trial(precision: f64, gaps: f64) -> Trial {
+        Trial { policy: "x".into(), precision: Some(precision), gaps, error: None }
+    }
+
+    #[test]
+    fn the_nearest_wins_unless_it_swings() {
+        assert_eq!(best(&[trial(0.2, 0.0), trial(0.1, 0.01), trial(0.1, 0.02)]), Some(1));
+        assert_eq!(best(&[trial(4e-4, 2e-3), trial(5e-4, 0.0), trial(5e-4, 0.0)]), Some(1));
+        // Where all shake, the distance to the goals decides.
+        let wild = |precision, gaps| trial(precision, counted(gaps));
+        assert_eq!(best(&[wild(0.35, 0.15), wild(0.15, 0.9), wild(0.2, 5.0)]), Some(1));
+        let failed = Trial { precision: None, ..trial(0.0, 0.0) };
+        assert_eq!(best(&[failed.clone(), trial(0.1, 0.0)]), Some(1));
+        assert_eq!(best(&[failed]), None);
+    }
+
+    #[test]
+    fn a_motion_that_is_farther_than_proportional_control_is_no_choice() {
+        let pd = Trial { policy: "pd".into(), ..trial(1e-4, 5e-3) };
+        // Natural in its gaps, but it leaves goals that proportional control meets.
+        let smooth = trial(4e-4, 0.0);
+        let tried = [trial(1e-6, 2e-3), pd, smooth.clone()];
+        assert_eq!(best(&tried), Some(0));
+        assert!(!leads(&tried[..2], &smooth));
+        assert!(leads(&tried, &trial(1.02e-4, 0.0)));
+        assert_eq!(best(&tried[2..]), Some(0), "it may be all that there is");
+    }
+}
