@@ -12,7 +12,7 @@ use robert_dataset::{Dataset, SHORTEST};
 use robert_explore::{CollectConfig, collect, share};
 use robert_robot::Robot;
 
-use super::bench::Bench;
+use super::context::Context;
 use super::draft::{Draft, fingerprint};
 use super::error::write_error;
 use super::plan::SHARDS;
@@ -63,15 +63,16 @@ fn try_out(mut config: CollectConfig, robot: &Arc<Robot>) -> Result<(), Error> {
 
 /// Records a part; returns the number of lost episodes.
 pub(super) fn perform(
-    bench: &Bench,
+    context: &Context,
     spec: &Collect,
     seed: u64,
     transitions: u64,
     out: &Path,
 ) -> Result<u64, Error> {
-    let config = spec.config(&bench.robot, seed, transitions)?;
+    let config = spec.config(&context.robot, seed, transitions)?;
     let data = out.join(DATA);
-    let made = collect(&bench.robot, &config, &data, false, bench.threads, &Silent, &bench.cancel)?;
+    let made =
+        collect(&context.robot, &config, &data, false, context.threads, &Silent, &context.cancel)?;
     // Trained agents are as large as the motion, and can be trained again from the same seed.
     let agents = data.join("agents");
     if agents.exists() {

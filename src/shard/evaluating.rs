@@ -17,7 +17,7 @@ use robert_rollout::{
 };
 use serde_json::Value;
 
-use super::bench::Bench;
+use super::context::Context;
 use super::draft::{Draft, whole};
 use super::plan::SHARDS;
 use super::spec::Eval;
@@ -175,15 +175,15 @@ fn check(robot: &Arc<Robot>, name: &str, clip: &Clip) -> Result<(), Error> {
 }
 
 /// The clips of a part.
-fn clips_of(bench: &Bench, part: &Part<'_>) -> Result<Vec<(String, Clip)>, Error> {
+fn clips_of(context: &Context, part: &Part<'_>) -> Result<Vec<(String, Clip)>, Error> {
     let dir = Path::new(part.suite);
     let found: Vec<(String, Clip)> = if dir.is_dir() {
         let each = part.tasks.iter().map(|name| in_folder(dir, name.clone()));
         each.collect::<Result<_, _>>()?
     } else {
-        let mut known = bench.suites.borrow_mut();
+        let mut known = context.suites.borrow_mut();
         if !known.contains_key(part.suite) {
-            known.insert(part.suite.to_owned(), named(&bench.robot, part.suite)?);
+            known.insert(part.suite.to_owned(), named(&context.robot, part.suite)?);
         }
         let all = known.get(part.suite).into_iter().flatten();
         all.filter(|(name, _)| part.tasks.contains(name)).cloned().collect()
@@ -196,29 +196,29 @@ fn clips_of(bench: &Bench, part: &Part<'_>) -> Result<Vec<(String, Clip)>, Error
 
 /// Performs a part and writes its rows; returns the number of rollouts that failed.
 pub(super) fn perform(
-    bench: &Bench,
+    context: &Context,
     spec: &Eval,
     part: &Part<'_>,
     out: &Path,
 ) -> Result<u64, Error> {
     let policy: PolicyConfig = part.policy.parse()?;
-    if !bench.models.borrow().contains(part.policy) {
-        let found = policy.model_file(&bench.robot)?.map(|(_, sha256)| sha256);
-        if found.as_ref() != bench.plan.inputs.get(&format!("policy {}", part.policy)) {
+    if !context.models.borrow().contains(part.policy) {
+        let found = policy.model_file(&context.robot)?.map(|(_, sha256)| sha256);
+        if found.as_ref() != context.plan.inputs.get(&format!("policy {}", part.policy)) {
             return Err(Error::Input { what: format!("the model of {}", part.policy) });
         }
-        bench.models.borrow_mut().insert(part.policy.to_owned());
+        context.models.borrow_mut().insert(part.policy.to_owned());
     }
-    let clips = clips_of(bench, part)?;
-    let cases = clips.iter().map(|(name, clip)| case(&bench.robot, name, clip));
+    let clips = clips_of(context, part)?;
+    let cases = clips.iter().map(|(name, clip)| case(&context.robot, name, clip));
     let suite = Suite { name: part.suite.to_owned(), cases: cases.collect::<Result<Vec<_>, _>>()? };
     let config = EvalConfig {
         policies: vec![policy],
         plant: spec.plant()?,
         seeds: part.seed..part.seed + 1,
-        threads: bench.threads,
+        threads: context.threads,
     };
-    let found = evaluate(&bench.robot, &[suite], &config, &Silent, &bench.cancel)?;
+    let found = evaluate(&context.robot, &[suite], &config, &Silent, &context.cancel)?;
     let tasks = found.iter().flat_map(|e| &e.tasks);
     let failed = tasks.clone().filter(|t| t.error.is_some()).count();
     let rows: Vec<Value> = tasks.map(|t| row(&json::value(t))).collect();

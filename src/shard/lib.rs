@@ -12,16 +12,16 @@
 //! | [`Spec`] | the file that a person writes |
 //! | [`Plan`] | all cells, checked, with the hashes of what they read |
 //! | [`Cell`] | the work of one shard |
-//! | [`Workshop`] | performs cells in this process |
+//! | [`Runner`] | performs cells in this process |
 //! | [`survey`] | which shards are done, missing, corrupt or foreign |
 //! | [`merge`] | the results together |
 //! | [`Pool`] | performs shards in child processes of this machine |
 //! | [`slurm`], [`kubernetes`] | scripts for clusters |
 
-mod bench;
 mod cell;
 mod checkpoints;
 mod collecting;
+mod context;
 mod draft;
 mod error;
 mod evaluating;
@@ -34,12 +34,12 @@ mod plan;
 mod planning;
 mod pool;
 mod ranges;
+mod runner;
 pub mod slurm;
 mod spec;
 mod survey;
 mod tables;
 mod training;
-mod workshop;
 
 pub use cell::Cell;
 pub use error::Error;
@@ -50,6 +50,6 @@ pub use plan::{Accept, Plan};
 pub use planning::make;
 pub use pool::{Answer, Pool, Pooled};
 pub use ranges::ranges;
+pub use runner::{Done, Runner};
 pub use spec::Spec;
 pub use survey::{State, Survey, survey};
-pub use workshop::{Done, Workshop};

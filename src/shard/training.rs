@@ -12,8 +12,8 @@ use robert_robot::Robot;
 use robert_train::paths;
 use robert_train::sweep::{Combination, Point, Reached, Sweep, Work, suites_of, view};
 
-use super::bench::Bench;
 use super::checkpoints::Checkpoints;
+use super::context::Context;
 use super::draft::Draft;
 use super::error::write_error;
 use super::spec::Train;
@@ -65,7 +65,7 @@ pub(super) fn draft(
 /// Trains one point in `run`, from the newest checkpoint, and writes its files into `out`; returns
 /// 0, because a run loses no episodes.
 pub(super) fn perform(
-    bench: &Bench,
+    context: &Context,
     spec: &Train,
     values: &Combination,
     seed: u64,
@@ -74,29 +74,29 @@ pub(super) fn perform(
     checkpoints: &Checkpoints,
 ) -> Result<u64, Error> {
     let sweep = spec.sweep();
-    let source = bench.data()?;
-    let sha256 = bench.plan.inputs.get("data").map_or("", String::as_str);
-    let data = view(values, seed, source, &views(&bench.dir, sha256))?;
-    let suites = suites_of(&sweep, &bench.robot, &data)?;
+    let source = context.data()?;
+    let sha256 = context.plan.inputs.get("data").map_or("", String::as_str);
+    let data = view(values, seed, source, &views(&context.dir, sha256))?;
+    let suites = suites_of(&sweep, &context.robot, &data)?;
     let work = Work {
         data: source.to_owned(),
         out: run.to_owned(),
-        threads: bench.threads,
-        checkpoint_secs: bench.checkpoint_secs,
+        threads: context.threads,
+        checkpoint_secs: context.checkpoint_secs,
         engines: None,
         progress: &Silent,
-        cancel: &bench.cancel,
+        cancel: &context.cancel,
         meta: serde_json::Value::Null,
     };
-    let (robot, suites) = (&bench.robot, suites.as_slice());
+    let (robot, suites) = (&context.robot, suites.as_slice());
     let point = Point { sweep: &sweep, robot, values, seed, data: &data, suites, dir: run };
     let restored = checkpoints.restore(run);
-    let mut reached = reach(bench, &point, &work, checkpoints);
+    let mut reached = reach(context, &point, &work, checkpoints);
     if restored && reached.is_err() {
         // A checkpoint that cannot be used must not block the shard for ever.
         std::fs::remove_dir_all(run).map_err(write_error(run))?;
         checkpoints.clear();
-        reached = reach(bench, &point, &work, checkpoints);
+        reached = reach(context, &point, &work, checkpoints);
     }
     let Some(reached) = reached? else {
         return Err(Error::Stopped { index: 0 });
@@ -116,12 +116,12 @@ pub(super) fn perform(
 
 /// Trains while another thread publishes every new checkpoint.
 fn reach(
-    bench: &Bench,
+    context: &Context,
     point: &Point<'_>,
     work: &Work<'_>,
     checkpoints: &Checkpoints,
 ) -> Result<Option<Reached>, Error> {
-    let (every, dir) = (bench.checkpoint_secs, point.dir);
+    let (every, dir) = (context.checkpoint_secs, point.dir);
     let ended = AtomicBool::new(false);
     // The file is replaced at every checkpoint, so a new time means a new checkpoint.
     let stamp = || std::fs::metadata(paths::last(dir)).and_then(|m| m.modified()).ok();
@@ -151,7 +151,7 @@ fn reach(
     }
     // One and the same step has the same weights, however often it is saved.
     if weights() != before {
-        bench.advance();
+        context.advance();
     }
     Ok(found)
 }

@@ -31,7 +31,11 @@ pub(super) struct Convert {
     /// The file to read; - is stdin (with --from, unless it is a clip).
     input: PathBuf,
     /// The file to write; - is stdout (with --to, unless it is a clip).
-    output: PathBuf,
+    #[arg(required_unless_present = "out")]
+    output: Option<PathBuf>,
+    /// The file to write, as in other commands.
+    #[arg(short, long, value_name = "FILE", conflicts_with = "output")]
+    out: Option<PathBuf>,
     /// The robot of an input that does not name one. If the input is a clip, the robot to convert
     /// it for; its joints must have the same names.
     #[arg(long)]
@@ -136,10 +140,13 @@ impl Format {
 }
 
 pub(super) fn run(a: &Convert) -> Outcome {
-    let (from, to) = (Format::of(&a.input, a.from)?, Format::of(&a.output, a.to)?);
-    let to_stdout = input::is_standard(&a.output);
-    if !a.force && !to_stdout && a.output.exists() {
-        let path = a.output.display();
+    let Some(output) = a.output.as_deref().or(a.out.as_deref()) else {
+        return Err(Failure::usage("no file to write is given"));
+    };
+    let (from, to) = (Format::of(&a.input, a.from)?, Format::of(output, a.to)?);
+    let to_stdout = input::is_standard(output);
+    if !a.force && !to_stdout && output.exists() {
+        let path = output.display();
         return Err(Failure::usage(format!("{path} exists; --force overwrites it")));
     }
     if to.recorded().is_some() {
@@ -152,7 +159,7 @@ pub(super) fn run(a: &Convert) -> Outcome {
         return Err(Failure::usage(format!(
             "a take is a motion that was performed: robert export {} --to mcap -o {}",
             a.input.display(),
-            a.output.display()
+            output.display()
         )));
     }
     let robot = super::files::reference(a.robot.as_deref(), a.like.as_ref())?;
@@ -161,13 +168,13 @@ pub(super) fn run(a: &Convert) -> Outcome {
         return Err(Failure::usage("--with-model is only for MJCF (--to mjcf)"));
     }
     let text = text(&clip, to, a)?;
-    input::write(&a.output, text.as_bytes())?;
+    input::write(output, text.as_bytes())?;
     if to_stdout {
         return Ok(());
     }
     out::line(&format!(
         "{}: {} frames, {} keys, {} joints",
-        a.output.display(),
+        output.display(),
         clip.length,
         clip.keys.len(),
         clip.dim()

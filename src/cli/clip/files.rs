@@ -7,6 +7,7 @@ use crate::cli::{input, out};
 use crate::clip::{Clip, Command, Fill, JointTable, Parsed, RobotRef, compile_for};
 use crate::robot::Robot;
 use crate::rollout::ClipFacts;
+use crate::units::CTRL_DT;
 
 /// Reads a clip; `-` is stdin.
 pub(super) fn load(path: &Path) -> Result<Parsed, Failure> {
@@ -60,7 +61,12 @@ pub(super) fn deliver(clip: &Clip, out: Option<&Path>, force: bool) -> Outcome {
         let path = path.display();
         return Err(Failure::usage(format!("{path} exists; --force overwrites it")));
     }
-    input::write_clip(path, clip)
+    input::write_clip(path, clip)?;
+    if !input::is_standard(path) {
+        let secs = f64::from(clip.length.saturating_sub(1)) * CTRL_DT;
+        tracing::info!("{}: {secs:.2} s, {} keys", path.display(), clip.keys.len());
+    }
+    Ok(())
 }
 
 pub(super) fn fill_word(word: &str) -> Result<Fill, String> {

@@ -9,7 +9,7 @@ use super::super::{out, pool};
 use super::accept::AcceptArgs;
 use crate::exit::{Exit, HasExit};
 use crate::progress::Cancel;
-use crate::shard::{Done, Error, Workshop, slurm};
+use crate::shard::{Done, Error, Runner, slurm};
 
 #[derive(clap::Args, Debug)]
 #[command(
@@ -55,22 +55,22 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let (cancel, warned) = cancel_on_warning();
     let accept = args.accept.accept();
     let secs = 60.0 * args.checkpoint_mins;
-    let shop = Workshop::open(&args.dir, accept, args.threads.count(), secs, &cancel)?;
+    let runner = Runner::open(&args.dir, accept, args.threads.count(), secs, &cancel)?;
     if args.stdin {
-        return pool::serve(|index| Ok(shop.run(index).map(drop)?));
+        return pool::serve(|index| Ok(runner.run(index).map(drop)?));
     }
     let indices = match (&args.tasks, args.task, args.index) {
         (Some(list), Some(task), _) => slurm::task(list, task)?,
         (_, _, Some(first)) => {
-            shop.plan().cell(first)?;
-            (first..shop.plan().shards().min(first + args.count as usize)).collect()
+            runner.plan().cell(first)?;
+            (first..runner.plan().shards().min(first + args.count as usize)).collect()
         }
         _ => return Err(Failure::usage("give --index, --task or --stdin")),
     };
-    let found = perform(&shop, &indices, args.json || global.quiet);
+    let found = perform(&runner, &indices, args.json || global.quiet);
     match found {
         Err(e) if e.exit() == Exit::Interrupted && args.requeue.is_some() => {
-            again(&shop, &warned)?;
+            again(&runner, &warned)?;
             Err(e)
         }
         Ok(results) if args.json => out::json(&serde_json::json!({ "shards": results })),
@@ -80,11 +80,11 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
 
 /// Puts the job into the queue again after the queue's warning. If it saved nothing new in its
 /// whole time, it would be repeated for ever, so it ends as a failure.
-fn again(shop: &Workshop, warned: &Cancel) -> Outcome {
+fn again(runner: &Runner, warned: &Cancel) -> Outcome {
     if !warned.is_cancelled() {
         return Ok(());
     }
-    if !shop.has_advanced() {
+    if !runner.has_advanced() {
         return Err(Failure::with(
             Exit::Failed,
             "the time limit is too short: nothing was finished and no checkpoint got further. Give the task more time",
@@ -95,14 +95,14 @@ fn again(shop: &Workshop, warned: &Cancel) -> Outcome {
 
 /// Performs the shards. A failure that concerns only one shard does not stop the others.
 fn perform(
-    shop: &Workshop,
+    runner: &Runner,
     indices: &[usize],
     silent: bool,
 ) -> Result<Vec<serde_json::Value>, Failure> {
     let mut results = Vec::new();
     let mut worst: Option<Error> = None;
     for &index in indices {
-        match shop.run(index) {
+        match runner.run(index) {
             Ok(done) => {
                 let how = if done == Done::Now { "done" } else { "done before" };
                 if !silent {

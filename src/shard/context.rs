@@ -15,7 +15,7 @@ use super::{Error, Plan};
 
 /// A plan, its robot, and what was read for it.
 #[derive(Debug)]
-pub(super) struct Bench {
+pub(super) struct Context {
     pub(super) dir: PathBuf,
     pub(super) plan: Plan,
     pub(super) robot: Arc<Robot>,
@@ -32,7 +32,7 @@ pub(super) struct Bench {
     pub(super) models: RefCell<BTreeSet<String>>,
 }
 
-impl Bench {
+impl Context {
     /// Loads the robot of a plan in `dir`.
     ///
     /// # Errors
@@ -48,7 +48,7 @@ impl Bench {
         if plan.inputs.get("robot") != Some(&fingerprint(&robot)?) {
             return Err(Error::Input { what: format!("the robot {}", plan.spec.robot()) });
         }
-        Ok(Bench {
+        Ok(Context {
             dir: dir.to_owned(),
             plan,
             robot,
