@@ -125,7 +125,8 @@ impl Search {
             Some(best) => motion.copy(best)?,
             None => while motion.step()?.is_some() {},
         }
-        let spare = (0..=AT_ONCE).map(|_| fresh()).collect::<Result<_, Error>>()?;
+        // One for each try, and two for what is offered: the best motion so far, and a better one.
+        let spare = (0..AT_ONCE + 2).map(|_| fresh()).collect::<Result<_, Error>>()?;
         let mut search = Search {
             judge: judge.clone(),
             threads,
@@ -206,7 +207,9 @@ impl Search {
         }
         let score = self.judge.score(&self.motion).filter(|s| *s < least);
         score.filter(|_| unnatural(&self.motion) <= gaps)?;
-        let mut copy = self.spare.pop()?;
+        let Some(mut copy) = self.spare.pop() else {
+            unreachable!("two are left beside the tries")
+        };
         copy.copy(&self.motion).ok().map(|()| copy)
     }
 
@@ -368,25 +371,33 @@ mod tests {
         let mut first = fresh().unwrap();
         first.run(&Cancel::default()).unwrap();
         let judge = Judge::of(&robot);
+        let (usual, gaps) = (judge.score(&first).unwrap(), unnatural(&first));
         let search = |threads| {
-            let mut search = Search::new(Some(&first), &judge, threads, fresh).unwrap();
-            let most = search.frames_left()
-                + parts(first.goals()).len() * (first.frames() + AT_ONCE * CHUNK);
-            while search.step() {}
+            let mut search = Search::new(None, &judge, threads, fresh).unwrap();
+            let rest = parts(first.goals()).len() * (first.frames() + AT_ONCE * CHUNK);
+            let most = search.frames_left() + rest;
+            let (mut best, mut offers): (Option<Rollout>, usize) = (None, 0);
+            while search.step() {
+                let least = best.as_ref().map_or(usual, |best| judge.score(best).unwrap());
+                if let Some(better) = search.offer(least, gaps) {
+                    search.give_back(best.replace(better));
+                    offers += 1;
+                }
+            }
             assert!(search.frames() <= most && search.frames_left() == 0);
-            search
+            assert!(offers > 1, "whatever is better is offered at once");
+            assert!(search.offer(usual, gaps).is_none(), "and only once");
+            assert_eq!(best.as_ref().unwrap().actions(), search.motion.actions());
+            (search, best.unwrap())
         };
-        let mut one = search(1);
-        let gaps = unnatural(&first);
-        let better = one.offer(judge.score(&first).unwrap(), gaps).unwrap();
-        assert!(one.offer(f64::INFINITY, gaps).is_none(), "it is offered once");
+        let (mut one, better) = search(1);
         let all = parts(first.goals());
         assert!(all.len() > 1);
         for part in &all {
             let score = |motion| judge.score_part(motion, part, f64::INFINITY).unwrap();
             assert!(score(&better) < 0.99 * score(&first), "{part:?}");
         }
-        assert_eq!(search(3).motion.actions(), better.actions());
+        assert_eq!(search(3).1.actions(), better.actions());
         let mut repeated = fresh().unwrap();
         repeated.correct(better.shift().unwrap()).unwrap();
         repeated.run(&Cancel::default()).unwrap();
