@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use robert::mujoco::{Data, Kind, Model};
 use robert::robot::import::{ImportConfig, mark, mark_in};
-use robert::robot::{Coupling, Robot};
+use robert::robot::{Coupling, IkConfig, Point, Robot, Target};
 
 use crate::run::{Ran, binary, call, robert};
 
@@ -969,6 +969,18 @@ fn balls_become_hinges_and_a_base_that_floats_is_one() {
     assert_eq!(robot.model().dof_damping()[1..], [0.02; 3]);
     assert!(ran.stdout.contains("three hinges each: eye"), "{}", ran.stdout);
 
+    // The type may come from a default class.
+    let by_class = model("")
+        .replace(
+            "<worldbody>",
+            "<default><default class=\"r\"><joint type=\"ball\"/></default></default><worldbody>",
+        )
+        .replace("name=\"eye\" type=\"ball\"", "name=\"eye\" class=\"r\"");
+    let ran = robert().file("m.xml", by_class).args(["import", "m.xml", "--out", "bot"]).succeeds();
+    let of_class = Robot::from_folder(&ran.path("bot")).unwrap();
+    let same: Vec<&str> = of_class.joints().iter().map(|j| j.name.as_str()).collect();
+    assert_eq!(same, names);
+
     let weld = ["import", "m.xml", "--out", "bot", "--weld", "eye"];
     let ran = robert().file("m.xml", model("")).args(weld).succeeds();
     assert_eq!(Robot::from_folder(&ran.path("bot")).unwrap().joints().len(), 1);
@@ -985,4 +997,54 @@ fn balls_become_hinges_and_a_base_that_floats_is_one() {
     let args = ["import", "m.xml", "--out", "bot", "--fixed-base"];
     let ran = robert().file("m.xml", model(floating)).args(args).succeeds();
     assert_eq!(Robot::from_folder(&ran.path("bot")).unwrap().joints().len(), 4);
+}
+
+#[test]
+fn every_named_keyframe_is_a_pose() {
+    let xml = r#"<mujoco><compiler angle="radian"/><worldbody><body><joint name="a" axis="0 1 0" range="-1 1" damping="1"/>
+      <geom type="capsule" fromto="0 0 0 .2 0 0" size=".02"/></body></worldbody>
+      <actuator><motor joint="a" ctrlrange="-1 1"/></actuator>
+      <keyframe><key name="home" qpos=".1"/><key name="tucked" qpos="2"/><key qpos=".3"/></keyframe></mujoco>"#;
+    let ran = robert().file("m.xml", xml).args(["import", "m.xml", "--out", "bot"]).succeeds();
+    let robot = Robot::from_folder(&ran.path("bot")).unwrap();
+    let poses = &robot.profile().poses;
+    assert_eq!(poses.keys().collect::<Vec<_>>(), ["home", "tucked"]);
+    // Within the limits.
+    assert_eq!((poses["home"]["a"], poses["tucked"]["a"]), (0.1, 1.0));
+}
+
+#[test]
+fn a_servo_may_inherit_a_share_of_the_range() {
+    let xml = r#"<mujoco><compiler angle="radian"/><worldbody><body><joint name="a" axis="0 1 0" range="-1 2" damping="1" armature=".1"/>
+      <geom type="capsule" fromto="0 0 0 .2 0 0" size=".02"/></body></worldbody>
+      <actuator><position joint="a" kp="20" inheritrange=".8" forcerange="-9 9"/></actuator></mujoco>"#;
+    let ran = robert().file("m.xml", xml).args(["import", "m.xml", "--out", "bot"]).succeeds();
+    let robot = Robot::from_folder(&ran.path("bot")).unwrap();
+    let range = robot.model().actuator_ctrlrange();
+    assert!((range[0] + 0.7).abs() < 1e-9 && (range[1] - 1.7).abs() < 1e-9, "{range:?}");
+}
+
+/// Joint c follows b, which follows a.
+#[test]
+fn inverse_kinematics_moves_a_follower_of_a_follower() {
+    let link = r#"<geom type="capsule" fromto="0 0 0 .2 0 0" size=".02"/>"#;
+    let xml = format!(
+        r#"<mujoco><compiler angle="radian"/><worldbody><body name="x"><joint name="a" axis="0 0 1" damping="1"/>{link}
+          <body name="y" pos=".2 0 0"><joint name="b" axis="0 0 1" damping="1"/>{link}
+          <body name="z" pos=".2 0 0"><joint name="c" axis="0 0 1" damping="1"/>{link}
+          <site name="tip" pos=".2 0 0"/></body></body></body></worldbody>
+          <equality><joint joint1="c" joint2="b" polycoef=".5 -1 0 0 0"/><joint joint1="b" joint2="a" polycoef="0 2 0 0 0"/></equality>
+          <actuator><motor joint="a" ctrlrange="-9 9"/></actuator></mujoco>"#
+    );
+    let ran = robert().file("m.xml", xml).args(["import", "m.xml", "--out", "bot"]).succeeds();
+    let robot = Robot::from_folder(&ran.path("bot")).unwrap();
+    let point = Point::Site("tip".to_owned());
+    let tree = robot.kinematics();
+    let pos = tree.place(&[0.3, 0.6, -0.1], &tree.point(&point).unwrap()).pos;
+    let target = Target { point, pos, quat: None };
+    let mut data = Data::new(robot.model()).unwrap();
+    let found = robot.ik(&mut data, &[0.0; 3], &[target], &IkConfig::default()).unwrap();
+    let [a, b, c] = found.state[..] else { panic!("{found:?}") };
+    assert!(found.reached && (a - 0.3).abs() < 1e-3, "{found:?}");
+    assert!((b - 2.0 * a).abs() < 1e-9 && (c - 0.5 + b).abs() < 1e-9, "{found:?}");
 }

@@ -157,6 +157,8 @@ pub(super) struct Performed {
     pub frame_secs: Option<f64>,
     /// Why it ended early, if it did. The frames before that are kept.
     pub broke: Option<Error>,
+    /// Whether the search for a better motion was stopped. The motion is the best one until then.
+    pub stopped: bool,
 }
 
 impl Performed {
@@ -233,6 +235,10 @@ pub(super) fn perform(text: &str, args: &PerformArgs, global: Global) -> Outcome
     let frame_secs = (rollout.frame() > first).then(|| simulated.elapsed().as_secs_f64());
     let wall_secs = begin.elapsed().as_secs_f64();
     bar.finish();
+    let stopped = cancel.is_cancelled() && broke.is_none();
+    if stopped {
+        out::aside("stopped: this is the best motion that was found until then");
+    }
     if !global.quiet {
         warn(&clip, &command, &robot);
     }
@@ -247,6 +253,7 @@ pub(super) fn perform(text: &str, args: &PerformArgs, global: Global) -> Outcome
         wall_secs,
         frame_secs,
         broke,
+        stopped,
     })
 }
 

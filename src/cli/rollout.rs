@@ -124,6 +124,7 @@ fn report(args: &Args, done: &Performed, p: &Precision) -> Value {
         "policy": done.policy.label(),
         "chosen": (!done.tried.is_empty()).then(|| done.policy.label()),
         "tried": (!done.tried.is_empty()).then_some(&done.tried),
+        "stopped": done.stopped,
         "uses_model": done.uses_model(),
         "seed": done.config.seed,
         "plant": done.config.plant,

@@ -14,7 +14,7 @@
 use nalgebra::{DMatrix, DVector, Isometry3, Quaternion, UnitQuaternion, Vector3};
 
 use super::place::{PointId, UnknownPoint, World};
-use super::tree::{JointMotion, Kinematics, Point};
+use super::tree::{Follow, JointMotion, Kinematics, Point};
 
 /// The cost of a radian away from the posture in the first search, as metres away from a target.
 const NEAR_WEIGHT: f64 = 0.01;
@@ -199,10 +199,26 @@ impl Kinematics {
 
     /// The joint and its followers, with their factors.
     fn columns(&self, joint: usize) -> impl Iterator<Item = (usize, f64)> {
-        let followers = self.joints.iter().enumerate().filter_map(move |(i, j)| {
-            j.follows.filter(|f| f.leader == joint).map(|f| (i, f.multiplier))
+        let followers = (0..self.joints.len()).filter_map(move |i| {
+            self.led(i).filter(|f| f.leader == joint).map(|f| (i, f.multiplier))
         });
         std::iter::once((joint, 1.0)).chain(followers)
+    }
+
+    /// How a follower depends on a joint that follows none: through its leader, or through the leaders of that.
+    fn led(&self, joint: usize) -> Option<Follow> {
+        let mut all = self.joints[joint].follows?;
+        // A chain is at most as long as the robot.
+        for _ in 0..self.joints.len() {
+            let Some(next) = self.joints[all.leader].follows else { return Some(all) };
+            let (offset, multiplier) = (all.offset, all.multiplier);
+            all = Follow {
+                leader: next.leader,
+                offset: offset + multiplier * next.offset,
+                multiplier: multiplier * next.multiplier,
+            };
+        }
+        None
     }
 
     fn reaches(&self, joint: usize, id: &PointId) -> bool {
@@ -211,8 +227,8 @@ impl Kinematics {
 
     /// Moves followers along with leaders that may move.
     fn follow(&self, state: &mut [f64], free: &[usize]) {
-        for (i, joint) in self.joints.iter().enumerate() {
-            if let Some(f) = joint.follows.filter(|f| free.contains(&f.leader)) {
+        for i in 0..self.joints.len() {
+            if let Some(f) = self.led(i).filter(|f| free.contains(&f.leader)) {
                 state[i] = f.offset + f.multiplier * state[f.leader];
             }
         }

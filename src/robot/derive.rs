@@ -20,6 +20,8 @@ use robert_base::limits;
 use robert_base::units::Unit;
 use robert_mujoco::{Joint, Kind, Model, Transmission, index};
 
+/// The most keyframes that become poses.
+const MOST_POSES: usize = 100;
 /// Speed limit of a joint without one in the model, rad/s or m/s.
 const SPEED_DEFAULT: f64 = 10.0;
 /// Control steps to settle: three seconds.
@@ -88,6 +90,12 @@ pub fn derive(model: &Model, id: &str, path: &Path) -> Result<Profile, Error> {
     let mut poses = BTreeMap::new();
     let home = model.name(Kind::Key, 0).unwrap_or("rest").to_owned();
     poses.insert(home.clone(), home_pose(model, &joints, &couplings));
+    for key in 1..keys(model).min(MOST_POSES) {
+        if let Some(name) = model.name(Kind::Key, key) {
+            let values = key_pose(model, &joints, key);
+            poses.entry(name.to_owned()).or_insert_with(|| spec(&joints, values));
+        }
+    }
     Ok(Profile {
         format: FORMAT.to_owned(),
         id: id.to_owned(),
@@ -213,18 +221,43 @@ fn settle(model: &Model) -> SettleSpec {
     SettleSpec { kp, kd, frames: SETTLE_FRAMES, tolerance: SETTLE_TOLERANCE }
 }
 
+/// The number of keyframes of the model.
+fn keys(model: &Model) -> usize {
+    model.key_qpos().len() / model.nq().max(1)
+}
+
+/// A keyframe of the model, moved into the limits; `None` for joints outside the state.
+fn key_pose(model: &Model, joints: &[JointSpec], key: usize) -> Vec<Option<f64>> {
+    values(model, joints, &model.key_qpos()[key * model.nq()..][..model.nq()])
+}
+
+/// Joint positions within the limits.
+fn values(model: &Model, joints: &[JointSpec], qpos: &[f64]) -> Vec<Option<f64>> {
+    let value =
+        |(j, adr): (&JointSpec, &i32)| Some(within(j, *qpos.get(usize::try_from(*adr).ok()?)?));
+    joints.iter().zip(model.jnt_qposadr()).map(value).collect()
+}
+
+fn within(j: &JointSpec, v: f64) -> f64 {
+    j.range.map_or(v, |[lo, hi]| v.clamp(lo, hi))
+}
+
+/// A pose as a profile has it: without zeros.
+fn spec(joints: &[JointSpec], values: Vec<Option<f64>>) -> PoseSpec {
+    let named = |(j, v): (&JointSpec, Option<f64>)| v.map(|v| (j.name.clone(), v));
+    joints.iter().zip(values).filter_map(named).filter(|(_, v)| *v != 0.0).collect()
+}
+
 /// The first keyframe of the model, moved into the limits. Without a keyframe it is the model's
 /// reference pose, with joints that follow others at the values that these give them.
 fn home_pose(model: &Model, joints: &[JointSpec], couplings: &[Coupling]) -> PoseSpec {
-    let key = model.key_qpos().get(..model.nq()).filter(|k| !k.is_empty());
-    let qpos = key.unwrap_or_else(|| model.qpos0());
-    let within = |j: &JointSpec, v: f64| j.range.map_or(v, |[lo, hi]| v.clamp(lo, hi));
-    let value =
-        |(j, adr): (&JointSpec, &i32)| Some(within(j, *qpos.get(usize::try_from(*adr).ok()?)?));
-    let mut home: Vec<Option<f64>> = joints.iter().zip(model.jnt_qposadr()).map(value).collect();
+    if keys(model) > 0 {
+        return spec(joints, key_pose(model, joints, 0));
+    }
+    let mut home = values(model, joints, model.qpos0());
     let at = |name: &str| joints.iter().position(|j| j.name == name);
     // A chain of followers is at most as long as the robot.
-    for _ in 0..if key.is_none() { joints.len() } else { 0 } {
+    for _ in 0..joints.len() {
         for coupling in couplings {
             let Coupling::Mimic { follower, leader, offset, multiplier } = coupling else {
                 continue;
@@ -234,8 +267,7 @@ fn home_pose(model: &Model, joints: &[JointSpec], couplings: &[Coupling]) -> Pos
             }
         }
     }
-    let named = |(j, v): (&JointSpec, Option<f64>)| v.map(|v| (j.name.clone(), v));
-    joints.iter().zip(home).filter_map(named).filter(|(_, v)| *v != 0.0).collect()
+    spec(joints, home)
 }
 
 #[cfg(test)]

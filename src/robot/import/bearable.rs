@@ -16,13 +16,16 @@ use crate::derive::digits;
 use crate::golden::spread_model;
 use crate::law::Law;
 use robert_base::units::SIM_DT;
-use robert_mujoco::{Data, Model, Transmission};
+use robert_mujoco::{Data, Joint, Model, Transmission};
 
 /// The share of its speed that a servo may remove from a joint in a step.
 const LARGEST_SHARE: f64 = 0.5;
 /// The phase by which a servo may swing a joint in a step, rad. The limit of the integrator is 2
 /// for a joint by itself, and less if several swing together.
 const SWING: f64 = 1.0;
+/// The speed that a servo must reach with its damping in the joint, rad/s and m/s. A servo's own damping is part of
+/// its force and ends with its limit; that of a joint does not, and would slow it down.
+const FAST: [f64; 2] = [3.0, 1.0];
 /// Share of the largest inertia that is added to all where the inverse does not exist.
 const SINGULAR: f64 = 1e-9;
 /// The number of digits of a written armature.
@@ -43,39 +46,59 @@ pub(super) struct Bearable {
     pub(super) armature: BTreeMap<usize, f64>,
 }
 
+/// All actuators of a joint together.
+#[derive(Default)]
+struct Together {
+    damping: f64,
+    stiffness: f64,
+    /// The largest force of those that damp it, N m or N.
+    force: f64,
+    /// Those that damp it.
+    damps: Vec<usize>,
+}
+
 impl Bearable {
-    /// The changes for these laws of the actuators.
+    /// The changes for the actuators with these laws and these largest forces at their joints, N m or N.
     ///
     /// # Errors
     /// [`Error::Simulator`].
-    pub(super) fn of(laws: &[Option<Law>], model: &Arc<Model>) -> Result<Bearable, Error> {
+    pub(super) fn of(
+        laws: &[Option<Law>],
+        forces: &[f64],
+        model: &Arc<Model>,
+    ) -> Result<Bearable, Error> {
         let mut all = Bearable::default();
         if laws.iter().flatten().all(Law::is_motor) {
             return Ok(all);
         }
         let mut least = least_inertias(model)?;
-        // Damping and stiffness of all actuators of a joint together, and those that damp it.
-        let mut joints: BTreeMap<usize, (f64, f64, Vec<usize>)> = BTreeMap::new();
-        for (a, law) in laws.iter().enumerate() {
+        let mut joints: BTreeMap<usize, Together> = BTreeMap::new();
+        for (a, (law, force)) in laws.iter().zip(forces).enumerate() {
             let (Some(law), Some(Transmission::Joint(joint))) = (law, model.transmission(a)) else {
                 continue;
             };
             let square = model.actuator_gear()[6 * a].powi(2);
-            let (damping, stiffness, damps) = joints.entry(joint).or_default();
-            *damping -= square * law.bias[2];
-            *stiffness -= square * law.bias[1];
+            let all = joints.entry(joint).or_default();
+            all.damping -= square * law.bias[2];
+            all.stiffness -= square * law.bias[1];
             if law.bias[2] != 0.0 {
-                damps.push(a);
+                all.damps.push(a);
+                all.force += force;
             }
         }
-        for (joint, (own, stiffness, damps)) in joints {
+        for (joint, Together { damping, stiffness, force, damps }) in joints {
             let dof = model.jnt_dofadr()[joint] as usize;
-            if SIM_DT * own > LARGEST_SHARE * least[dof] {
-                all.damping.insert(joint, model.dof_damping()[dof] + own);
-                least[dof] += SIM_DT * own;
-                all.moved.extend(damps);
+            let fast = FAST[usize::from(model.joint_type(joint) == Some(Joint::Slide))];
+            let mut needed = (SIM_DT / SWING).powi(2) * stiffness;
+            if SIM_DT * damping > LARGEST_SHARE * least[dof] {
+                if force >= fast * damping {
+                    all.damping.insert(joint, model.dof_damping()[dof] + damping);
+                    least[dof] += SIM_DT * damping;
+                    all.moved.extend(damps);
+                } else {
+                    needed = needed.max(SIM_DT * damping / LARGEST_SHARE);
+                }
             }
-            let needed = (SIM_DT / SWING).powi(2) * stiffness;
             if needed > least[dof] {
                 let armature = model.dof_armature()[dof] + needed - least[dof];
                 all.armature.insert(joint, digits(armature, DIGITS));
@@ -145,7 +168,8 @@ mod tests {
         let least = least_inertias(&model).unwrap();
         assert!(4.0 * least[0] < model.dof_M0()[0], "{least:?} {:?}", model.dof_M0());
         let changes = |kp: f64, kv: f64| {
-            Bearable::of(&[Some(Law { gain: kp, bias: [0.0, -kp, -kv] })], &model).unwrap()
+            let law = Law { gain: kp, bias: [0.0, -kp, -kv] };
+            Bearable::of(&[Some(law)], &[f64::INFINITY], &model).unwrap()
         };
         // By its inertia alone, 45 N m s/rad would do.
         let moved = changes(80.0, 12.0);
@@ -156,8 +180,16 @@ mod tests {
         let some = 0.6 * LARGEST_SHARE * least[0] / SIM_DT;
         let servo = || Some(Law { gain: 80.0, bias: [0.0, -80.0, -some] });
         assert!(changes(80.0, some).is_empty());
-        let both = Bearable::of(&[servo(), servo()], &model).unwrap();
+        let both = Bearable::of(&[servo(), servo()], &[f64::INFINITY; 2], &model).unwrap();
         assert_eq!((both.moved, both.damping), ([0, 1].into(), [(0, 2.0 * some)].into()));
+        // With 30 N m it would reach 2.5 rad/s, so the joint becomes heavier instead.
+        let law = Law { gain: 80.0, bias: [0.0, -80.0, -12.0] };
+        let limited = |force| Bearable::of(&[Some(law)], &[force], &model).unwrap();
+        assert!(limited(30.0).moved.is_empty() && limited(30.0).damping.is_empty());
+        let missing = SIM_DT * 12.0 / LARGEST_SHARE - least[0];
+        let given = limited(30.0).armature[&0];
+        assert!((given / missing - 1.0).abs() < 1e-2, "{given} {missing}");
+        assert_eq!(limited(36.0).damping, [(0, 12.0)].into());
         let stiff = changes(8000.0, 0.0);
         assert!(stiff.damping.is_empty());
         let missing = 8000.0 * SIM_DT * SIM_DT - least[0];

@@ -100,7 +100,12 @@ pub(super) fn actuators(
     let told = draft.words.servos.iter().any(|w| *w != Servo::default());
     let changes = if keep {
         let laws: Vec<_> = (0..model.nu()).map(|a| servo_law(draft, model, a)).collect();
-        Bearable::of(&laws, model)?
+        let force = |a: usize| {
+            let gear = model.actuator_gear()[6 * a];
+            let range = force_range(draft, model, a, gear);
+            range.map_or(f64::INFINITY, |[lo, hi]| gear.abs() * lo.abs().max(hi.abs()))
+        };
+        Bearable::of(&laws, &(0..model.nu()).map(force).collect::<Vec<_>>(), model)?
     } else {
         Bearable::default()
     };
@@ -375,7 +380,7 @@ fn changed_joints(
         let names: Vec<String> =
             armature.iter().map(|(name, value)| format!("{name} {value}")).collect();
         draft.changed.push(format!(
-            "joints got more armature, where steps of 5 ms would not bear the stiffness of their \
+            "joints got more armature, where steps of 5 ms would not bear stiffness or damping of their \
              servos: {}",
             names.join(", ")
         ));
@@ -388,8 +393,8 @@ fn servo_range(draft: &mut Draft, model: &Model, a: usize, law: &Law, name: &str
     /// The range of a velocity servo, and of a joint without limits, if the source gives none.
     const SPEED: f64 = 2.0;
     const ROOM: f64 = std::f64::consts::PI;
-    let inherits = draft.words.servos.get(a).is_some_and(|w| w.inherits);
-    if let Some(range) = ctrlrange(model, a).filter(|_| !inherits) {
+    let inherits = draft.words.servos.get(a).and_then(|w| w.inherits);
+    if let Some(range) = ctrlrange(model, a).filter(|_| inherits.is_none()) {
         return range;
     }
     if !law.is_position() {
@@ -397,14 +402,17 @@ fn servo_range(draft: &mut Draft, model: &Model, a: usize, law: &Law, name: &str
         return [-SPEED, SPEED];
     }
     let gear = model.actuator_gear()[6 * a];
+    // `inheritrange` is a share of the range, about its middle.
+    let share = |[lo, hi]: [f64; 2]| {
+        let (middle, half) = (0.5 * (lo + hi), 0.5 * (hi - lo) * inherits.unwrap_or(1.0));
+        ordered([gear * (middle - half), gear * (middle + half)])
+    };
     match model.transmission(a) {
         Some(Transmission::Joint(j)) if model.jnt_limited()[j] != 0 => {
-            let range = [model.jnt_range()[2 * j], model.jnt_range()[2 * j + 1]];
-            ordered(range.map(|v| gear * v))
+            share([model.jnt_range()[2 * j], model.jnt_range()[2 * j + 1]])
         }
         Some(Transmission::Tendon(t)) if model.tendon_limited()[t] != 0 => {
-            let range = [model.tendon_range()[2 * t], model.tendon_range()[2 * t + 1]];
-            ordered(range.map(|v| gear * v))
+            share([model.tendon_range()[2 * t], model.tendon_range()[2 * t + 1]])
         }
         _ => {
             draft.assumed.push(format!("position servo \"{name}\" has no limits: +-{ROOM:.4}"));

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use roxmltree::{Document, Node};
 
+use super::classes::Classes;
 use super::draft::Draft;
 use crate::text::Edits;
 use crate::{Error, preparse};
@@ -140,7 +141,7 @@ pub(super) fn blank(xml: &str, node: Node<'_, '_>) -> String {
 pub(super) fn floating<'a, 'd>(doc: &'a Document<'d>) -> Vec<Node<'a, 'd>> {
     let free = |n: &Node<'_, '_>| {
         let says = n.has_tag_name("freejoint")
-            || (n.has_tag_name("joint") && n.attribute("type") == Some("free"))
+            || (n.has_tag_name("joint") && kind(n) == Some("free"))
             || is_base(*n);
         says && n.parent().is_some_and(|p| p.has_tag_name("body"))
     };
@@ -154,17 +155,23 @@ pub(super) fn is_base(ball: Node<'_, '_>) -> bool {
     is_ball(&ball) && slides_beside(ball).len() == 3 && !above
 }
 
+/// The type of a joint: its own, or that of its default class.
+fn kind<'a>(joint: &Node<'a, '_>) -> Option<&'a str> {
+    let class = || Classes::of(joint.document()).get(*joint, &["joint"], "type");
+    joint.attribute("type").or_else(class)
+}
+
 /// Whether this is a ball joint of a body that nothing else refers to.
 pub(super) fn is_ball(n: &Node<'_, '_>) -> bool {
     let ball = n.has_tag_name("joint")
-        && n.attribute("type") == Some("ball")
+        && kind(n) == Some("ball")
         && n.parent().is_some_and(|p| p.has_tag_name("body"));
     ball && !referred(*n)
 }
 
 /// The slides of the same body that nothing refers to.
 pub(super) fn slides_beside<'a, 'd>(joint: Node<'a, 'd>) -> Vec<Node<'a, 'd>> {
-    let slide = |n: &Node<'_, '_>| n.has_tag_name("joint") && n.attribute("type") == Some("slide");
+    let slide = |n: &Node<'_, '_>| n.has_tag_name("joint") && kind(n) == Some("slide");
     let beside = joint.parent().into_iter().flat_map(|body| body.children());
     beside.filter(|n| slide(n) && !referred(*n)).collect()
 }
@@ -221,9 +228,8 @@ pub(super) fn ways_out(floating: &[Node<'_, '_>]) -> String {
         |n: &Node<'_, '_>| n.parent().and_then(|p| p.attribute("name")).unwrap_or("?").to_owned();
     let jointed = |n: &&Node<'_, '_>| {
         let own = |d: &Node<'_, '_>| d.parent() == n.parent() && is_base(**n);
-        let joint = |d: Node<'_, '_>| {
-            d.has_tag_name("joint") && d.attribute("type") != Some("free") && !own(&d)
-        };
+        let joint =
+            |d: Node<'_, '_>| d.has_tag_name("joint") && kind(&d) != Some("free") && !own(&d);
         n.parent().is_some_and(|b| b.descendants().any(joint))
     };
     let loose: Vec<String> =

@@ -287,7 +287,13 @@ impl<'a> Tree<'a> {
             } else if lo > 0.0 && lo < LEAST_MOMENT {
                 format!("its inertia is less than the simulator takes; {mean} kg m^2 instead")
             } else {
-                "no body can have its inertia; made round with the same trace".to_owned()
+                let given = [t.ixx, t.iyy, t.izz].map(|v| digits(v, 3).to_string()).join(", ");
+                let mean = digits(mean, 3);
+                format!(
+                    "no body can have its inertia ({given} kg m^2); made round with the same trace: \
+                     {mean} kg m^2 about each axis. Check the file: a wrong inertia changes how the \
+                     robot moves"
+                )
             };
             self.draft.changed.push(format!("link \"{}\": {why}", link.name));
             format!("diaginertia=\"{mean} {mean} {mean}\"")

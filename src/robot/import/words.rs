@@ -32,7 +32,7 @@ pub(super) struct Servo {
     /// The damping as a ratio to critical damping.
     pub(super) dampratio: Option<f64>,
     /// Whether the control range is the joint's range.
-    pub(super) inherits: bool,
+    pub(super) inherits: Option<f64>,
 }
 
 /// See the module.
@@ -66,7 +66,7 @@ impl Words {
             words.servos.push(Servo {
                 kv: own("kv")?.filter(|_| position),
                 dampratio: own("dampratio")?.filter(|_| position),
-                inherits: own("inheritrange")?.is_some_and(|v| v > 0.0),
+                inherits: own("inheritrange")?.filter(|v| *v > 0.0),
             });
         }
         let in_world = |n: &Node<'_, '_>| n.ancestors().any(|a| a.has_tag_name("worldbody"));
