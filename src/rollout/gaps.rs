@@ -48,9 +48,6 @@ const SWING_WEIGHT: f64 = 0.06;
 const PATH_WEIGHT: f64 = 0.02;
 /// The penalty for each 1 by which the jerk, relative to the minimum, exceeds [`MOST_JERK`].
 const JERK_WEIGHT: f64 = 5e-4;
-/// The penalty for each of overshoot, path and jerk that is beyond its limit at all: what is hardly beyond
-/// it is worth an effort, too.
-const BEYOND: f64 = 5e-4;
 /// Limits of natural motion inside a gap: path relative to the straight line, and jerk relative to
 /// the minimum. Motion counts as smooth up to a jerk of 3; what is chosen should stay a little below.
 const LONGEST_PATH: f64 = 1.3;
@@ -344,8 +341,7 @@ pub(super) fn penalty(goals: &Goals, states: &[f64]) -> f64 {
     let detour = gap.path.map_or(0.0, |p| (p - LONGEST_PATH).max(0.0));
     let jolts = gap.jerk.map_or(0.0, |j| (j - MOST_JERK).max(0.0));
     let missed = (worst_frame(goals, states) - jam::FAR).max(0.0);
-    let beyond = [swing, detour, jolts].iter().filter(|excess| **excess > 0.0).count() as f64;
-    SWING_WEIGHT * (swing + missed) + PATH_WEIGHT * detour + JERK_WEIGHT * jolts + BEYOND * beyond
+    SWING_WEIGHT * (swing + missed) + PATH_WEIGHT * detour + JERK_WEIGHT * jolts
 }
 
 /// The error of the frame that is farthest from its goals, in the mean over its joints, rad or m.
@@ -380,8 +376,7 @@ pub(super) fn unnatural_places(goals: &Goals, states: &[f64]) -> Vec<Unnatural> 
     let mut found = Vec::new();
     let all = gaps.iter().flat_map(|gap| overshoots(&motion, goals, gap));
     if let Some((value, frame, joint)) = all.max_by(|a, b| a.0.total_cmp(&b.0)) {
-        let penalty = counted(SWING_WEIGHT * value + BEYOND);
-        found.push(Unnatural { frame, joint, penalty });
+        found.push(Unnatural { frame, joint, penalty: counted(SWING_WEIGHT * value) });
     }
     let figures = GapFigures::measure(goals, states, &names(goals)).unwrap_or_default();
     let excess = figures.jerk.map_or(0.0, |j| j - MOST_JERK);
@@ -392,8 +387,7 @@ pub(super) fn unnatural_places(goals: &Goals, states: &[f64]) -> Vec<Unnatural> 
     });
     if let Some((i, joint, _)) = jolts.max_by(|a, b| a.2.total_cmp(&b.2)) {
         let frame = i as usize + 1;
-        let penalty = counted(JERK_WEIGHT * excess + BEYOND);
-        found.push(Unnatural { frame, joint, penalty });
+        found.push(Unnatural { frame, joint, penalty: counted(JERK_WEIGHT * excess) });
     }
     found
 }
@@ -469,9 +463,7 @@ mod tests {
         let detour = gaps.path.map_or(0.0, |p| (p - LONGEST_PATH).max(0.0));
         let jolts = gaps.jerk.map_or(0.0, |j| (j - MOST_JERK).max(0.0));
         let swing = gaps.overshoot.map_or(0.0, |o| o.value);
-        let beyond = [swing, detour, jolts].iter().filter(|x| **x > 0.0).count() as f64;
-        let other =
-            SWING_WEIGHT * swing + PATH_WEIGHT * detour + JERK_WEIGHT * jolts + BEYOND * beyond;
+        let other = SWING_WEIGHT * swing + PATH_WEIGHT * detour + JERK_WEIGHT * jolts;
         let missed = SWING_WEIGHT * (0.2 - jam::FAR);
         assert!((penalty(&goals, &all) - other - missed).abs() < 1e-12);
         // Before the key nothing is missed.
