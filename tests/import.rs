@@ -1004,13 +1004,19 @@ fn every_named_keyframe_is_a_pose() {
     let xml = r#"<mujoco><compiler angle="radian"/><worldbody><body><joint name="a" axis="0 1 0" range="-1 1" damping="1"/>
       <geom type="capsule" fromto="0 0 0 .2 0 0" size=".02"/></body></worldbody>
       <actuator><motor joint="a" ctrlrange="-1 1"/></actuator>
-      <keyframe><key name="home" qpos=".1"/><key name="tucked" qpos="2"/><key qpos=".3"/></keyframe></mujoco>"#;
+      <keyframe><key name="home" qpos=".1"/><key name="tucked" qpos="2"/><key name="zero" qpos="0"/><key qpos=".3"/></keyframe></mujoco>"#;
     let ran = robert().file("m.xml", xml).args(["import", "m.xml", "--out", "bot"]).succeeds();
     let robot = Robot::from_folder(&ran.path("bot")).unwrap();
     let poses = &robot.profile().poses;
-    assert_eq!(poses.keys().collect::<Vec<_>>(), ["home", "tucked"]);
+    assert_eq!(poses.keys().collect::<Vec<_>>(), ["home", "tucked", "zero"]);
     // Within the limits.
     assert_eq!((poses["home"]["a"], poses["tucked"]["a"]), (0.1, 1.0));
+    assert_eq!(robot.pose("zero").unwrap(), [0.0], "and not as at home");
+    // A key called like the pose of a key without a name.
+    let unnamed = xml.replace("<key name=\"home\"", "<key").replace("tucked", "rest");
+    let ran = robert().file("m.xml", unnamed).args(["import", "m.xml", "--out", "bot"]).succeeds();
+    let robot = Robot::from_folder(&ran.path("bot")).unwrap();
+    assert_eq!((robot.home(), robot.pose("rest").unwrap()), (vec![0.1], vec![1.0]));
 }
 
 #[test]

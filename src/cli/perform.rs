@@ -188,7 +188,8 @@ pub(super) fn perform(text: &str, args: &PerformArgs, global: Global) -> Outcome
     let command = motion::command(&clip, &robot, text)?;
     let cancel = cancel_on_ctrl_c();
     let begin = Instant::now();
-    let (policy, chosen) = if asked.is_tried() {
+    let searches = asked.is_tried();
+    let (policy, chosen) = if searches {
         let chosen = choose(&robot, &asked, &command, args, &cancel, global);
         if chosen.is_err() && !global.quiet && !cancel.is_cancelled() {
             warn(&clip, &command, &robot);
@@ -235,11 +236,11 @@ pub(super) fn perform(text: &str, args: &PerformArgs, global: Global) -> Outcome
     let frame_secs = (rollout.frame() > first).then(|| simulated.elapsed().as_secs_f64());
     let wall_secs = begin.elapsed().as_secs_f64();
     bar.finish();
-    let stopped = cancel.is_cancelled() && broke.is_none();
-    if stopped {
-        out::aside("stopped: this is the best motion that was found until then");
-    }
+    let stopped = searches && cancel.is_cancelled() && broke.is_none();
     if !global.quiet {
+        if stopped {
+            out::aside("stopped: this is the best motion that was found until then");
+        }
         warn(&clip, &command, &robot);
     }
     Ok(Performed {

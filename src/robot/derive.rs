@@ -88,14 +88,17 @@ pub fn derive(model: &Model, id: &str, path: &Path) -> Result<Profile, Error> {
     let couplings = couplings(model)?;
     let joints = ids.iter().map(|&j| joint(model, j)).collect::<Vec<_>>();
     let mut poses = BTreeMap::new();
-    let home = model.name(Kind::Key, 0).unwrap_or("rest").to_owned();
-    poses.insert(home.clone(), home_pose(model, &joints, &couplings));
-    for key in 1..keys(model).min(MOST_POSES) {
-        if let Some(name) = model.name(Kind::Key, key) {
-            let values = key_pose(model, &joints, key);
-            poses.entry(name.to_owned()).or_insert_with(|| spec(&joints, values));
-        }
+    let named = (1..keys(model).min(MOST_POSES))
+        .filter_map(|key| Some((model.name(Kind::Key, key)?.to_owned(), key)));
+    // A joint that a pose leaves out stands as at home, so zeros are written.
+    poses.extend(named.map(|(name, key)| (name, spec(&joints, key_pose(model, &joints, key)))));
+    let mut home = model.name(Kind::Key, 0).unwrap_or("rest").to_owned();
+    while poses.contains_key(&home) {
+        home.push('_');
     }
+    let mut at_home = home_pose(model, &joints, &couplings);
+    at_home.retain(|_, value| *value != 0.0);
+    poses.insert(home.clone(), at_home);
     Ok(Profile {
         format: FORMAT.to_owned(),
         id: id.to_owned(),
@@ -242,10 +245,10 @@ fn within(j: &JointSpec, v: f64) -> f64 {
     j.range.map_or(v, |[lo, hi]| v.clamp(lo, hi))
 }
 
-/// A pose as a profile has it: without zeros.
+/// A pose as a profile has it.
 fn spec(joints: &[JointSpec], values: Vec<Option<f64>>) -> PoseSpec {
     let named = |(j, v): (&JointSpec, Option<f64>)| v.map(|v| (j.name.clone(), v));
-    joints.iter().zip(values).filter_map(named).filter(|(_, v)| *v != 0.0).collect()
+    joints.iter().zip(values).filter_map(named).collect()
 }
 
 /// The first keyframe of the model, moved into the limits. Without a keyframe it is the model's

@@ -170,8 +170,11 @@ impl Contenders {
             let frames = (learner.frames() - began) as u64;
             let own = PolicyConfig { ilc: true, ..self.contest.policy(learner.at()).clone() };
             progress.tick(frames, frames + learner.frames_left() as u64, &own.label());
-            // What was found until a stop counts.
-            if cancel.is_cancelled() || !learner.step(&again) {
+            if cancel.is_cancelled() {
+                learner.stop();
+                break;
+            }
+            if !learner.step(&again) {
                 break;
             }
         }

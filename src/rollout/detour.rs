@@ -2,9 +2,9 @@
 //!
 //! A finger that meets another one too early stays behind it for as long as both goals are held, and
 //! repeated corrections of its goal do not take it around. This search moves the goals of a few joints for a
-//! moment, at random, near frames with a large error or with unnatural motion in a gap, and keeps what
-//! makes the whole motion better (a random local search). It knows nothing of the model: each try is
-//! a rollout of the policy.
+//! moment, at random, near frames with a large error or with unnatural motion in a gap ([`super::search`]
+//! performs these tries and keeps what makes a part of the motion better: a random local search). It knows
+//! nothing of the model: each try is a rollout of the policy.
 
 use std::ops::Range;
 

@@ -2,7 +2,7 @@
 //!
 //! The best contenders repeat the clip and correct their goals ([`super::ilc`]). The nearest one goes
 //! on: if joints still stay away from their goals, or move unnaturally in a gap, it follows the path of
-//! a planner ([`super::planned`]), and then searches for detours ([`super::detour`]). If a joint still
+//! a planner ([`super::planned`]), and then searches for detours ([`super::search`]). If a joint still
 //! jams, it searches again under a strict judge ([`super::judge`]). Where an error or a jolt is left that
 //! could be seen, the planner's own motion counts as well, if it is clearly better.
 
@@ -326,12 +326,27 @@ impl Learner {
 
     /// Some frames of the search; false at its end.
     fn search(&mut self) -> bool {
-        let (Some(search), [lead]) = (&mut self.search, &mut self.racers[..]) else { return false };
+        let Some(search) = &mut self.search else { return false };
         let going = search.step();
+        self.keep_found();
+        going
+    }
+
+    /// Ends the search. What it found until now counts.
+    pub(super) fn stop(&mut self) {
+        self.over = true;
+        if let Some(search) = &mut self.search {
+            search.stop();
+            self.keep_found();
+        }
+    }
+
+    /// Keeps the motion of the search, if it is better.
+    fn keep_found(&mut self) {
+        let (Some(search), [lead]) = (&mut self.search, &mut self.racers[..]) else { return };
         if let Some(better) = search.offer(lead.least, lead.gaps) {
             search.give_back(lead.keep(better));
         }
-        going
     }
 
     /// Searches again if a joint jams in the best motion; false if none does.

@@ -19,7 +19,7 @@ pub(super) fn parts(goals: &Goals) -> Vec<Range<usize>> {
     let (mut found, mut from) = (Vec::new(), 1);
     while goals.frames() > from + WHOLE {
         let last = (from + WHOLE).min(goals.frames() - LEAST);
-        let quality = |&f: &usize| (goals.any_visible(f), rest(goals, f));
+        let quality = |&f: &usize| (goals.any_visible(f), rest(goals, from, f));
         let Some(end) = (from + LEAST..last).max_by_key(quality) else { break };
         found.push(from..end + 1);
         from = end + 1;
@@ -28,15 +28,15 @@ pub(super) fn parts(goals: &Goals) -> Vec<Range<usize>> {
     found
 }
 
-/// The number of frames before `f` with the same goals as at `f`, of the joints that have one.
-fn rest(goals: &Goals, f: usize) -> usize {
+/// The number of frames from `from` on and before `f` with the same goals as at `f`, of the joints that have one.
+fn rest(goals: &Goals, from: usize, f: usize) -> usize {
     let same = |a: usize, b: usize| {
         (0..goals.dim()).all(|j| {
             let seen = goals.is_visible(a, j);
             seen == goals.is_visible(b, j) && (!seen || goals.row(a)[j] == goals.row(b)[j])
         })
     };
-    (1..=f).take_while(|back| same(f, f - back)).count()
+    (from..f).rev().take_while(|&before| same(f, before)).count()
 }
 
 #[cfg(test)]

@@ -213,6 +213,12 @@ impl Search {
         copy.copy(&self.motion).ok().map(|()| copy)
     }
 
+    /// Ends the search: simulates the rest of the clip, so that what was found can be offered.
+    pub(super) fn stop(&mut self) {
+        (self.part, self.parts) = (None, VecDeque::new());
+        while self.changed && !self.motion.is_done() && self.go_on() {}
+    }
+
     /// Takes back a rollout that is no longer needed.
     pub(super) fn give_back(&mut self, rollout: Option<Rollout>) {
         self.spare.extend(rollout);
@@ -289,9 +295,13 @@ impl Search {
             done.then(|| judge.score_part(&a.rollout, frames, part.limit)).flatten()
         };
         let scores = self.attempts.iter().enumerate().filter_map(|(at, a)| Some((at, score(a)?)));
+        // What the judge would refuse as a whole leads nowhere, unless it is so already.
+        let refused = |motion: &Rollout| motion.is_done() && judge.score(motion).is_none();
+        let lost = refused(&self.motion);
         let fair = scores.filter(|(at, score)| {
             let rollout = &self.attempts[*at].rollout;
-            *score < part.least && unnatural_until(rollout, frames.end) <= part.gaps
+            let natural = unnatural_until(rollout, frames.end) <= part.gaps;
+            *score < part.least && natural && (lost || !refused(rollout))
         });
         if let Some((at, score)) = fair.min_by(|a, b| a.1.total_cmp(&b.1)) {
             let better = &mut self.attempts[at].rollout;

@@ -63,7 +63,7 @@ pub(super) fn deliver(clip: &Clip, out: Option<&Path>, force: bool) -> Outcome {
     }
     input::write_clip(path, clip)?;
     if !input::is_standard(path) {
-        let secs = f64::from(clip.length.saturating_sub(1)) * CTRL_DT;
+        let secs = f64::from(clip.length) * CTRL_DT;
         tracing::info!("{}: {secs:.2} s, {} keys", path.display(), clip.keys.len());
     }
     Ok(())

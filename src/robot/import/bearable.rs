@@ -3,7 +3,7 @@
 //! The simulator integrates the damping of joints implicitly, but damping and stiffness of servos
 //! explicitly. It diverges where a servo takes more than its speed from a joint within a step, and
 //! where a servo swings a joint faster than the steps can follow. Such damping becomes that of the
-//! joint, and such joints get armature. Both depend on the pose: two links that fold onto each other
+//! joint, unless its force limit would make the servo slow, and such joints get armature. Both depend on the pose: two links that fold onto each other
 //! can turn their common joint almost without inertia. Servos at tendons are left as they are.
 
 use std::collections::{BTreeMap, BTreeSet};

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use roxmltree::{Document, Node};
 
+use super::classes::Classes;
 use super::draft::Draft;
 use super::loose::{blank, is_ball, is_base};
 use crate::text::{Edits, escape};
@@ -78,7 +79,7 @@ pub(super) fn balls(
     draft: &mut Draft,
     edits: &mut Edits,
 ) -> bool {
-    let mut names = Vec::new();
+    let (mut names, classes) = (Vec::new(), Classes::of(doc));
     for ball in doc.descendants().filter(|n| is_ball(n) && !is_base(*n)) {
         let name = ball.attribute("name").unwrap_or("ball");
         if welded.iter().any(|w| w == name) {
@@ -86,7 +87,8 @@ pub(super) fn balls(
         }
         let hinges = TURNS.map(|turn| ("hinge", turn));
         edits.replace(ball.range(), parts_of(doc, ball, &hinges, &own(ball), draft));
-        let stop = ball.has_attribute("range") && ball.attribute("limited") != Some("false");
+        let given = |attribute| classes.get(ball, &["joint"], attribute);
+        let stop = given("range").is_some() && given("limited") != Some("false");
         names.push(if stop { format!("{name} (its stop is left out)") } else { name.to_owned() });
     }
     if !names.is_empty() {

@@ -31,7 +31,7 @@ pub(super) struct Servo {
     pub(super) kv: Option<f64>,
     /// The damping as a ratio to critical damping.
     pub(super) dampratio: Option<f64>,
-    /// Whether the control range is the joint's range.
+    /// The share of the joint's range, about its middle, that is the control range.
     pub(super) inherits: Option<f64>,
 }
 
