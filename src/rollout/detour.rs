@@ -15,9 +15,9 @@ use super::run::Rollout;
 use super::window::{Goals, HISTORY};
 use robert_base::rng::{Rng, Stream};
 
-/// Frames that are simulated, as a multiple of those of the clip.
+/// Frames that are simulated, as a multiple of those of the part.
 const BUDGET: usize = 80;
-/// Frames that are simulated at most, for a robot of 24 joints.
+/// Frames that are simulated at most in a part, for a robot of 24 joints.
 const BUDGET_MOST: usize = 32_000;
 /// Frames before a large error at which a movement begins.
 const BEFORE: u64 = 20;

@@ -30,7 +30,7 @@ const BEYOND_CHANCE: f64 = 0.1;
 /// The share that it must gain to be kept although the contenders move more naturally in gaps: a pole that
 /// stands is worth a jerk.
 const FAR_NEARER: f64 = 0.5;
-/// Frames by which one step advances each try.
+/// Frames by which one step advances each contender.
 const CHUNK: usize = 8;
 
 /// How the motion of a policy is improved, one stage after another.
