@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use robert::clip::{Clip, Key};
+use robert::clip::{Clip, Goal, Key, Reach};
+use robert::kinematics::{IkConfig, Point, Target};
 use robert::robot::{Coupling, Robot};
 use robert::rollout::ClipFacts as _;
 
@@ -12,6 +13,79 @@ fn import(file: &str, text: &str) -> (Ran, Robot) {
     let ran = robert().file(file, text).args(["import", file, "--out", "bot", "--json"]).succeeds();
     let bot = Robot::from_folder(&ran.path("bot")).unwrap();
     (ran, bot)
+}
+
+/// Two cranks with motors, whose rods hold a plate: one by a point, one rigidly. Another joint is apart.
+fn linkage() -> String {
+    let limb = |side: &str, at: f64| {
+        let (out, back) = (0.5 * at, -1.5 * at);
+        format!(
+            r#"<body pos="{at} 0 .5"><joint name="motor_{side}" axis="0 1 0" range="-2 2" damping="1"/>
+            <geom type="capsule" size=".01" fromto="0 0 0 {out} 0 -.1"/>
+            <body name="rod_{side}" pos="{out} 0 -.1"><joint name="knee_{side}" axis="0 1 0" range="-2 2" damping=".01"/>
+              <geom type="capsule" size=".01" fromto="0 0 0 {back} 0 -.2"/></body></body>"#
+        )
+    };
+    format!(
+        r#"<mujoco><compiler angle="radian" autolimits="true"/><default><geom contype="0" conaffinity="0"/></default><worldbody>{}{}
+          <body name="plate" pos="0 0 .2"><joint name="px" type="slide" axis="1 0 0" range="-1 1"/>
+            <joint name="pz" type="slide" axis="0 0 1" range="-1 1"/><joint name="turn" axis="0 1 0" range="-3 3"/>
+            <geom type="box" size=".05 .05 .01"/><site name="tool" pos="0 0 -.02"/></body>
+          <body pos="1 0 .5"><joint name="apart" axis="0 1 0" range="-2 2" damping="1"/><geom size=".05"/></body>
+        </worldbody><equality><connect body1="rod_left" body2="plate" anchor=".15 0 -.2"/><weld body1="plate" body2="rod_right"/></equality>
+        <actuator><motor joint="motor_left" ctrlrange="-20 20"/><motor joint="motor_right" ctrlrange="-20 20"/>
+          <motor joint="apart" ctrlrange="-20 20"/></actuator></mujoco>"#,
+        limb("left", -0.1),
+        limb("right", 0.1)
+    )
+}
+
+#[test]
+fn the_motors_of_a_loop_take_its_end_effector_there() {
+    let (ran, bot) = import("linkage.xml", &linkage());
+    let tree = bot.kinematics();
+    let tool = Point::Site("tool".into());
+    let start = bot.home();
+    let at = tree.place(&start, &tree.point(&tool).unwrap()).pos;
+    let to = |x: f64, z: f64| [at[0] + x, at[1], at[2] + z];
+    let solve = |pos| {
+        let target = Target { point: tool.clone(), pos, quat: None };
+        tree.ik(&start, &[target], &IkConfig::default()).unwrap()
+    };
+    // Where the rods end is the middle of the plate.
+    let open = |state: &[f64]| {
+        let place = |body: &str, offset| {
+            tree.place(state, &tree.point(&Point::Body { body: body.into(), offset }).unwrap())
+        };
+        let plate = place("plate", [0.0; 3]);
+        let ends = [place("rod_left", [0.15, 0.0, -0.2]), place("rod_right", [-0.15, 0.0, -0.2])];
+        let off = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).sum::<f64>();
+        ends.map(|end| off(&end.pos, &plate.pos)).iter().sum::<f64>()
+            + off(&ends[1].quat, &plate.quat)
+    };
+    assert!(open(&start) < 1e-3);
+    let found = solve(to(0.03, 0.02));
+    assert!(found.reached && open(&found.state) < 1e-3, "{found:?}");
+    let moved = |name: &str| {
+        let joint = bot.joint_index(name).unwrap();
+        (found.state[joint] - start[joint]).abs()
+    };
+    assert!(moved("motor_left") > 0.03 && moved("motor_right") > 0.03, "{found:?}");
+    assert_eq!(moved("apart"), 0.0);
+    assert_eq!(tree.movers(std::slice::from_ref(&tool)).unwrap().len(), bot.state_dim() - 1);
+    // Out of reach it stays in one piece.
+    let far = solve(to(0.0, -3.0));
+    assert!(!far.reached && far.distance_m > 2.0 && open(&far.state) < 1e-3, "{far:?}");
+    // And the motors do it.
+    let mut clip = Clip::new(bot.clip_ref(), 60);
+    let goal = Reach { point: tool, pos: to(0.03, 0.02), quat: None };
+    clip.keys = vec![Key { hold: 30, reach: vec![goal], ..Key::with(30, Goal::Open) }];
+    clip.save(&ran.dir.path().join("reach.clip.json")).unwrap();
+    let args = ["rollout", "reach.clip.json", "--robot", "bot", "--policy", "auto", "--json"];
+    let (code, stdout, stderr) = call(ran.dir.path(), &args);
+    assert_eq!(code, 0, "{stderr}");
+    let report: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+    assert!(report["precision"].as_f64().unwrap() < 5e-3, "{report}");
 }
 
 /// Performs a clip with keys `(frame, q)`, held for 10 frames, and returns its Precision.

@@ -10,14 +10,20 @@
 //! search without it then removes the small distance that is left, in the shortest steps. Rejected:
 //! one search in the null space of the targets, because its rank is uncertain when an arm is nearly
 //! stretched.
+//!
+//! The ends of closed loops ([`super::tree::Closure`]) are drawn together during the search with more weight than
+//! the targets have. Where these are out of reach, a last search closes the loops alone.
 
 use nalgebra::{DMatrix, DVector, Isometry3, Quaternion, UnitQuaternion, Vector3};
 
 use super::place::{PointId, UnknownPoint, World};
-use super::tree::{Follow, JointMotion, Kinematics, Point};
+use super::tree::{Anchor, Closure, Follow, JointMotion, Kinematics, Point};
 
 /// The cost of a radian away from the posture in the first search, as metres away from a target.
 const NEAR_WEIGHT: f64 = 0.01;
+
+/// The cost of a metre between the ends of a loop, as metres away from a target.
+const CLOSURE_WEIGHT: f64 = 10.0;
 
 /// A point and its goal.
 #[derive(Clone, Debug, PartialEq)]
@@ -84,20 +90,27 @@ pub struct IkResult {
 }
 
 /// A target with its points looked up.
+#[derive(Clone, Copy)]
 struct Pull {
     id: PointId,
     goal: Goal,
+    /// Whether the orientation counts.
+    turns: bool,
+    /// Weight of its errors.
+    weight: f64,
 }
 
+#[derive(Clone, Copy)]
 enum Goal {
-    /// A place in the world, in a certain orientation or not.
-    Place(Isometry3<f64>, bool),
+    /// A place in the world.
+    Place(Isometry3<f64>),
     /// Another point of the robot, which may move as well.
     Point(PointId),
 }
 
 impl Kinematics {
-    /// Joints that move one of these points, and that may move themselves; sorted state indices.
+    /// Joints that move one of these points, or that move along where loops are closed, and that may move
+    /// themselves; sorted state indices.
     ///
     /// # Errors
     /// [`UnknownPoint`].
@@ -105,7 +118,8 @@ impl Kinematics {
         let ids = points.iter().map(|p| self.point(p)).collect::<Result<Vec<_>, _>>()?;
         let free = self.free_joints(&IkConfig::default());
         let moves = |i: &usize| ids.iter().any(|id| self.reaches(*i, id));
-        Ok(free.into_iter().filter(moves).collect())
+        let own = free.iter().copied().filter(moves).collect();
+        Ok(self.along(own, &free).0)
     }
 
     /// Moves joints so that the targets are met as well as limits and locks allow. The search
@@ -137,19 +151,22 @@ impl Kinematics {
         let mut pulls = targets.iter().map(|t| self.pull(t)).collect::<Result<Vec<_>, _>>()?;
         for (a, b) in pairs {
             let (id, goal) = (self.point(a)?, Goal::Point(self.point(b)?));
-            pulls.push(Pull { id, goal });
+            pulls.push(Pull { id, goal, turns: false, weight: 1.0 });
         }
-        let free = self.free_joints(config);
+        let may = self.free_joints(config);
         let mut state = start.to_vec();
-        for &i in &free {
+        for &i in &may {
             if let Some([lo, hi]) = self.joints[i].range {
                 state[i] = state[i].clamp(lo, hi);
             }
         }
-        self.follow(&mut state, &free);
+        self.follow(&mut state, &may);
         let moves = |i: &usize| pulls.iter().any(|p| p.points().any(|id| self.reaches(*i, id)));
-        let free: Vec<usize> = free.into_iter().filter(moves).collect();
+        let own = may.iter().copied().filter(moves).collect();
+        let (free, closures) = self.along(own, &may);
         let columns = free.iter().map(|&i| self.columns(i).collect()).collect();
+        let wanted = pulls.len();
+        pulls.extend(&closures);
         let mut search = Search { tree: self, pulls: &pulls, free, columns, config, near: None };
         // A step that gains less than this leads nowhere: the goal is out of reach.
         let stalled = 0.01 * config.tolerance_m;
@@ -161,14 +178,21 @@ impl Kinematics {
             });
             search.near = None;
         }
-        used += search.descend(&mut state, |error, before| {
-            search.is_reached(error, 0.01) || before - error.norm() < stalled
-        });
+        let closest = |search: &Search<'_>, state: &mut Vec<f64>| {
+            search.descend(state, |error, before| {
+                search.is_reached(error, 0.01) || before - error.norm() < stalled
+            })
+        };
+        used += closest(&search, &mut state);
+        search.pulls = &closures;
+        used += closest(&search, &mut state);
+        let is_closed = search.is_reached(&search.error(&self.world(&state), &state), 1.0);
+        search.pulls = &pulls[..wanted];
         let error = search.error(&self.world(&state), &state);
         let (distances_m, angles_rad) = search.measure(&error);
         let most = |v: &[f64]| v.iter().copied().fold(0.0, f64::max);
         Ok(IkResult {
-            reached: search.is_reached(&error, 1.0),
+            reached: search.is_reached(&error, 1.0) && is_closed,
             distance_m: most(&distances_m),
             angle_rad: most(&angles_rad),
             state,
@@ -182,7 +206,30 @@ impl Kinematics {
         let [w, x, y, z] = t.quat.unwrap_or([1.0, 0.0, 0.0, 0.0]);
         let turn = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-9).unwrap_or_default();
         let goal = Isometry3::from_parts(t.pos.into(), turn);
-        Ok(Pull { id: self.point(&t.point)?, goal: Goal::Place(goal, t.quat.is_some()) })
+        let (id, turns) = (self.point(&t.point)?, t.quat.is_some());
+        Ok(Pull { id, goal: Goal::Place(goal), turns, weight: 1.0 })
+    }
+
+    /// These joints and those of `may` that move along with them because of closed loops, sorted; and the loops.
+    fn along(&self, mut joints: Vec<usize>, may: &[usize]) -> (Vec<usize>, Vec<Pull>) {
+        let mut open: Vec<Pull> = self.closures.iter().map(Pull::closing).collect();
+        let mut closures = Vec::new();
+        loop {
+            let moved = |p: &Pull| joints.iter().any(|&i| self.opens(i, p));
+            let Some(at) = open.iter().position(moved) else { break };
+            let closure = open.swap_remove(at);
+            joints.extend(may.iter().filter(|i| self.opens(**i, &closure)));
+            closures.push(closure);
+        }
+        joints.sort_unstable();
+        joints.dedup();
+        (joints, closures)
+    }
+
+    /// Whether a joint moves only one of the points of a loop, or both against each other.
+    fn opens(&self, joint: usize, closure: &Pull) -> bool {
+        let one = |i: usize| closure.points().filter(|id| self.moves(i, id)).count() == 1;
+        self.columns(joint).any(|(i, _)| one(i))
     }
 
     fn free_joints(&self, config: &IkConfig) -> Vec<usize> {
@@ -300,13 +347,14 @@ impl Search<'_> {
         for p in self.pulls {
             let at = world.point(&p.id);
             let goal = match &p.goal {
-                Goal::Place(place, _) => *place,
+                Goal::Place(place) => *place,
                 Goal::Point(other) => world.point(other),
             };
-            rows.extend((goal.translation.vector - at.translation.vector).iter());
-            if p.turns() {
+            let way = goal.translation.vector - at.translation.vector;
+            rows.extend((way * p.weight).iter());
+            if p.turns {
                 let turn = (goal.rotation * at.rotation.inverse()).scaled_axis();
-                rows.extend((turn * self.config.rad_in_m).iter());
+                rows.extend((turn * self.config.rad_in_m * p.weight).iter());
             }
         }
         if let Some(near) = self.near {
@@ -324,14 +372,16 @@ impl Search<'_> {
         for p in self.pulls {
             for (k, columns) in self.columns.iter().enumerate() {
                 for &(joint, factor) in columns {
-                    let (mut along, about) = self.moved(world, joint, &p.id);
+                    let (mut along, mut about) = self.moved(world, joint, &p.id);
                     if let Goal::Point(other) = &p.goal {
                         // What counts is how the one moves against the other.
-                        along -= self.moved(world, joint, other).0;
+                        let others = self.moved(world, joint, other);
+                        (along, about) = (along - others.0, about - others.1);
                     }
+                    let factor = factor * p.weight;
                     for r in 0..3 {
                         out[(top + r, k)] += along[r] * factor;
-                        if p.turns() {
+                        if p.turns {
                             out[(top + 3 + r, k)] += about[r] * factor * self.config.rad_in_m;
                         }
                     }
@@ -413,8 +463,9 @@ impl Search<'_> {
         let norm = |at: usize| error.rows(at, 3).norm();
         let (mut distances, mut angles, mut top) = (Vec::new(), Vec::new(), 0);
         for p in self.pulls {
-            distances.push(norm(top));
-            angles.push(if p.turns() { norm(top + 3) / self.config.rad_in_m } else { 0.0 });
+            distances.push(norm(top) / p.weight);
+            let angle = || norm(top + 3) / (self.config.rad_in_m * p.weight);
+            angles.push(if p.turns { angle() } else { 0.0 });
             top += p.rows();
         }
         (distances, angles)
@@ -430,18 +481,20 @@ impl Search<'_> {
 }
 
 impl Pull {
-    fn turns(&self) -> bool {
-        matches!(self.goal, Goal::Place(_, true))
+    /// What keeps a loop closed.
+    fn closing(closure: &Closure) -> Pull {
+        let [a, b] = closure.ends.each_ref().map(Anchor::id);
+        Pull { id: a, goal: Goal::Point(b), turns: closure.turns, weight: CLOSURE_WEIGHT }
     }
 
     fn rows(&self) -> usize {
-        if self.turns() { 6 } else { 3 }
+        if self.turns { 6 } else { 3 }
     }
 
     fn points(&self) -> impl Iterator<Item = &PointId> {
         let other = match &self.goal {
             Goal::Point(other) => Some(other),
-            Goal::Place(..) => None,
+            Goal::Place(_) => None,
         };
         std::iter::once(&self.id).chain(other)
     }

@@ -13,4 +13,6 @@ mod tree;
 
 pub use ik::{IkConfig, IkResult, Target};
 pub use place::{Place, PointId, UnknownPoint, shortest_turn};
-pub use tree::{Follow, JointAxis, JointMotion, Kinematics, LinkFrame, Point, SiteFrame};
+pub use tree::{
+    Anchor, Closure, Follow, JointAxis, JointMotion, Kinematics, LinkFrame, Point, SiteFrame,
+};

@@ -5,7 +5,7 @@
 
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, Unit, UnitQuaternion, Vector3};
 
-use super::tree::{JointMotion, Kinematics, Point, SiteFrame};
+use super::tree::{Anchor, JointMotion, Kinematics, Point, SiteFrame};
 
 /// A point that the robot does not have.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -120,6 +120,12 @@ impl SiteFrame {
     }
 }
 
+impl Anchor {
+    pub(super) fn id(&self) -> PointId {
+        PointId { link: self.link, frame: isometry(self.pos, self.quat) }
+    }
+}
+
 /// The orientation at a share of the shortest turn from one to another; all w x y z.
 pub fn shortest_turn(from: [f64; 4], to: [f64; 4], share: f64) -> [f64; 4] {
     let unit =
@@ -175,6 +181,7 @@ mod tests {
                 pos: [0.5, 0.0, 0.0],
                 quat: identity,
             }],
+            closures: Vec::new(),
         }
     }
 

@@ -12,6 +12,9 @@ pub struct Kinematics {
     pub joints: Vec<JointAxis>,
     /// Named points of bodies.
     pub sites: Vec<SiteFrame>,
+    /// Where bodies are held together, so that the tree has closed loops.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub closures: Vec<Closure>,
 }
 
 /// A body.
@@ -73,6 +76,26 @@ pub struct SiteFrame {
     /// Its name.
     pub name: String,
     /// Index of its body.
+    pub link: usize,
+    /// Position in the body's frame, m.
+    pub pos: [f64; 3],
+    /// Orientation in the body's frame, w x y z.
+    pub quat: [f64; 4],
+}
+
+/// Two points that a constraint holds together.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Closure {
+    /// The points.
+    pub ends: [Anchor; 2],
+    /// Whether their orientations are the same, too.
+    pub turns: bool,
+}
+
+/// A frame that is fixed to a body.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Anchor {
+    /// Index of the body.
     pub link: usize,
     /// Position in the body's frame, m.
     pub pos: [f64; 3],

@@ -1,9 +1,12 @@
 //! The robot's tree of bodies as plain data, from the compiled model.
 
-use robert_kinematics::{Follow, JointAxis, JointMotion, Kinematics, LinkFrame, SiteFrame};
+use robert_kinematics::{
+    Anchor, Closure, Follow, JointAxis, JointMotion, Kinematics, LinkFrame, SiteFrame,
+};
 use robert_mujoco::{Joint, Kind, Model, index};
 
 use super::profile::{Coupling, Profile};
+use super::rings::{CONNECT, WELD};
 use super::{Robot, StateJoint};
 
 impl Robot {
@@ -50,7 +53,28 @@ fn tree(model: &Model, profile: &Profile, joints: &[StateJoint]) -> Kinematics {
         links: (0..model.nbody()).map(link).collect(),
         joints: joints.iter().map(axis).collect(),
         sites: (0..model.nsite()).filter_map(site).collect(),
+        closures: (0..model.neq()).filter_map(|eq| closure(model, eq)).collect(),
     }
+}
+
+/// The loop that an equality constraint closes, if it holds two bodies together.
+fn closure(model: &Model, eq: usize) -> Option<Closure> {
+    let data: [f64; 11] = of(model.eq_data(), eq);
+    let part = |from: usize| [data[from], data[from + 1], data[from + 2]];
+    let upright = [1.0, 0.0, 0.0, 0.0];
+    // A point of each body; of a weld the second body's comes first, then the place of its frame in the first body.
+    let kind = model.eq_type()[eq];
+    let (first, turn, second) = match kind {
+        CONNECT => (part(0), upright, part(3)),
+        WELD => (part(3), [data[6], data[7], data[8], data[9]], part(0)),
+        _ => return None,
+    };
+    let body = |ids: &[i32]| index(ids[eq]);
+    let ends = [
+        Anchor { link: body(model.eq_obj1id()), pos: first, quat: turn },
+        Anchor { link: body(model.eq_obj2id()), pos: second, quat: upright },
+    ];
+    (model.eq_active()[eq] != 0).then_some(Closure { ends, turns: kind == WELD })
 }
 
 /// The joint that this one follows.

@@ -2,13 +2,15 @@
 
 use robert_mujoco::{Model, index};
 
-/// `mjEQ_CONNECT` and `mjEQ_WELD`.
-const BETWEEN_BODIES: [i32; 2] = [0, 1];
+/// `mjEQ_CONNECT`.
+pub(super) const CONNECT: i32 = 0;
+/// `mjEQ_WELD`.
+pub(super) const WELD: i32 = 1;
 
 /// The joints of each closed loop of a model.
 pub(super) fn rings(model: &Model) -> Vec<Vec<usize>> {
     let ties =
-        |e: &usize| BETWEEN_BODIES.contains(&model.eq_type()[*e]) && model.eq_active()[*e] != 0;
+        |e: &usize| matches!(model.eq_type()[*e], CONNECT | WELD) && model.eq_active()[*e] != 0;
     let ring = |e: usize| {
         let [a, b] = [model.eq_obj1id()[e], model.eq_obj2id()[e]].map(|id| above(model, index(id)));
         let lone = a.iter().filter(|j| !b.contains(j)).chain(b.iter().filter(|j| !a.contains(j)));

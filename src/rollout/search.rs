@@ -14,6 +14,7 @@ use super::jam::Off;
 use super::judge::Judge;
 use super::parts::parts;
 use super::run::Rollout;
+use super::window::COMMAND;
 
 /// The number of checks of a part.
 const CHECKS: usize = 4;
@@ -44,6 +45,8 @@ pub(super) struct Search {
     motion: Rollout,
     /// Whether it has changed since it was offered.
     changed: bool,
+    /// The complete motion to which it goes back where it leads nowhere; `None` until the first one is complete.
+    kept: Option<Rollout>,
     /// The parts that are still to be searched, with the frames that each may simulate; the first one is
     /// searched now.
     parts: VecDeque<(Range<usize>, usize)>,
@@ -58,6 +61,8 @@ pub(super) struct Search {
 /// The search of a part.
 struct Part {
     frames: Range<usize>,
+    /// The frames whose errors count: those, and the ones before them at which a policy sees their goals.
+    counted: Range<usize>,
     detours: Detours,
     /// The limit for the usual sum.
     limit: f64,
@@ -78,14 +83,16 @@ impl Part {
     /// Searches a part of a motion; `None` if there is nothing to improve.
     fn new(motion: &Rollout, judge: &Judge, frames: Range<usize>, budget: usize) -> Option<Part> {
         let detours = Detours::new(motion, judge, frames.clone());
-        let limit = judge.limit(motion, &frames);
-        let least = judge.score_part(motion, &frames, f64::INFINITY)?;
+        let counted = frames.start.saturating_sub(COMMAND).max(1)..frames.end;
+        let limit = judge.limit(motion, &counted);
+        let least = judge.score_part(motion, &counted, f64::INFINITY)?;
         let gaps = unnatural_until(motion, frames.end);
         let check_every = budget / CHECKS;
         let check = (budget - check_every, least);
         let gains = GAINS * motion.frames() as f64 / (frames.len() + 1) as f64;
         (!detours.is_idle()).then_some(Part {
             frames,
+            counted,
             detours,
             limit,
             least,
@@ -113,7 +120,7 @@ impl Search {
     /// rollout at its beginning.
     ///
     /// # Errors
-    /// As `fresh` and [`Rollout::step`].
+    /// As `fresh`.
     pub(super) fn new(
         best: Option<&Rollout>,
         judge: &Judge,
@@ -121,17 +128,20 @@ impl Search {
         fresh: impl Fn() -> Result<Rollout, Error>,
     ) -> Result<Search, Error> {
         let mut motion = fresh()?;
-        match best {
-            Some(best) => motion.copy(best)?,
-            None => while motion.step()?.is_some() {},
+        let mut kept = None;
+        if let Some(best) = best {
+            motion.copy(best)?;
+            kept.insert(fresh()?).copy(best)?;
         }
-        // One for each try, and two for what is offered: the best motion so far, and a better one.
-        let spare = (0..AT_ONCE + 2).map(|_| fresh()).collect::<Result<_, Error>>()?;
+        // One for each try, two for what is offered (the best motion so far, and a better one), and one for
+        // what is kept.
+        let spare = (0..AT_ONCE + 3).map(|_| fresh()).collect::<Result<_, Error>>()?;
         let mut search = Search {
             judge: judge.clone(),
             threads,
             motion,
             changed: false,
+            kept,
             parts: VecDeque::new(),
             part: None,
             attempts: Vec::new(),
@@ -156,6 +166,7 @@ impl Search {
         self.judge = judge.clone();
         self.motion.copy(best)?;
         self.changed = false;
+        self.keep();
         self.divide(|part| jams.iter().any(|j| j.from < part.end && part.start < j.to), STRICT);
         Ok(())
     }
@@ -205,12 +216,35 @@ impl Search {
         if !(self.motion.is_done() && std::mem::take(&mut self.changed)) {
             return None;
         }
-        let score = self.judge.score(&self.motion).filter(|s| *s < least);
-        score.filter(|_| unnatural(&self.motion) <= gaps)?;
+        let score = self.judge.score(&self.motion);
+        let lost = score.is_none() && self.kept.as_ref().is_some_and(|kept| !self.refuses(kept));
+        if lost || unnatural(&self.motion) > gaps {
+            self.go_back();
+            return None;
+        }
+        score.filter(|s| *s < least)?;
+        self.keep();
         let Some(mut copy) = self.spare.pop() else {
             unreachable!("two are left beside the tries")
         };
         copy.copy(&self.motion).ok().map(|()| copy)
+    }
+
+    /// Whether the judge refuses a motion as a whole, as far as it is known.
+    fn refuses(&self, motion: &Rollout) -> bool {
+        motion.is_done() && self.judge.score(motion).is_none()
+    }
+
+    /// Remembers the motion.
+    fn keep(&mut self) {
+        let mut copy = self.kept.take().or_else(|| self.spare.pop());
+        self.kept = copy.take_if(|copy| copy.copy(&self.motion).is_ok());
+    }
+
+    /// Returns to the motion that was kept; false if there is none.
+    fn go_back(&mut self) -> bool {
+        self.changed = false;
+        self.kept.as_ref().is_some_and(|kept| self.motion.copy(kept).is_ok())
     }
 
     /// Ends the search: simulates the rest of the clip, so that what was found can be offered.
@@ -224,14 +258,17 @@ impl Search {
         self.spare.extend(rollout);
     }
 
-    /// Some frames of the rest of the clip; false if the plant diverges.
+    /// Some frames of the rest of the clip; false if the plant diverges and nothing else is known.
     fn go_on(&mut self) -> bool {
         for _ in 0..CHUNK {
             match self.motion.step() {
                 Ok(Some(_)) => self.frames += 1,
                 Ok(None) => break,
-                Err(_) => return false,
+                Err(_) => return self.go_back(),
             }
+        }
+        if self.kept.is_none() && self.motion.is_done() {
+            self.keep();
         }
         true
     }
@@ -288,27 +325,27 @@ impl Search {
 
     /// Goes on from the best of the tries, if one is better, and gives up the others.
     fn adopt_best(&mut self) {
-        let Some(part) = &mut self.part else { return };
-        let (frames, judge) = (&part.frames, &self.judge);
+        let Some(part) = &self.part else { return };
+        let end = part.frames.end;
         let score = |a: &Attempt| {
-            let done = a.rollout.frame() + 1 >= frames.end;
-            done.then(|| judge.score_part(&a.rollout, frames, part.limit)).flatten()
+            let done = a.rollout.frame() + 1 >= end;
+            done.then(|| self.judge.score_part(&a.rollout, &part.counted, part.limit)).flatten()
         };
         let scores = self.attempts.iter().enumerate().filter_map(|(at, a)| Some((at, score(a)?)));
         // What the judge would refuse as a whole leads nowhere, unless it is so already.
-        let refused = |motion: &Rollout| motion.is_done() && judge.score(motion).is_none();
-        let lost = refused(&self.motion);
+        let lost = self.refuses(&self.motion);
         let fair = scores.filter(|(at, score)| {
             let rollout = &self.attempts[*at].rollout;
-            let natural = unnatural_until(rollout, frames.end) <= part.gaps;
-            *score < part.least && natural && (lost || !refused(rollout))
+            let natural = unnatural_until(rollout, end) <= part.gaps;
+            *score < part.least && natural && (lost || !self.refuses(rollout))
         });
-        if let Some((at, score)) = fair.min_by(|a, b| a.1.total_cmp(&b.1)) {
+        let best = fair.min_by(|a, b| a.1.total_cmp(&b.1));
+        if let (Some((at, score)), Some(part)) = (best, &mut self.part) {
             let better = &mut self.attempts[at].rollout;
             std::mem::swap(&mut self.motion, better);
             self.changed = true;
             part.least = score;
-            part.gaps = unnatural_until(&self.motion, frames.end);
+            part.gaps = unnatural_until(&self.motion, end);
             part.detours.go_on(&self.motion);
         }
         self.spare.extend(self.attempts.drain(..).map(|a| a.rollout));

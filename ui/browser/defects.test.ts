@@ -156,7 +156,7 @@ describe("defects that were mended", () => {
       .waitFor();
     assert.equal((await t.state()).clip?.length, 80);
     await t.page.evaluate(() => window.__studio.dismissAll());
-    await t.click("page-gallery");
+    await t.turnTo("gallery");
     await t.page.getByLabel("Length of the new clip, seconds").fill("100000");
     await t.byId("new-clip").click();
     await t.page
@@ -165,7 +165,7 @@ describe("defects that were mended", () => {
       .waitFor();
     assert.equal((await t.state()).clip?.name, "arm", "nothing was opened");
     await t.page.getByLabel("Length of the new clip, seconds").fill("5");
-    await t.click("page-editor");
+    await t.turnTo("editor");
   });
 
   test("speeds and angles are told in the unit of the fields, in the problems as in a drag", async () => {

@@ -616,10 +616,10 @@ describe("features", () => {
     await t.goTo(10);
     await t.press("m");
     const edited = await t.until((s) => (s.clip?.masks ?? []).length === 1, "edited");
-    await t.click("page-gallery");
+    await t.turnTo("gallery");
     await t.byId("example-pointmass/star").click();
     await t.until((s) => s.page === "editor" && s.robot === "pointmass", "another clip");
-    await t.click("page-gallery");
+    await t.turnTo("gallery");
     // Other tests have left unsaved clips, too: the newest is on top.
     const [newest] = (await studio.api("GET", "/api/drafts")).json() as { number: number }[];
     const row = t.byId(`draft-${newest?.number}`);
@@ -627,10 +627,10 @@ describe("features", () => {
     await row.getByRole("button", { name: "arm", exact: true }).click();
     const back = await t.until((s) => s.page === "editor" && s.clip?.name === "arm", "back");
     assert.deepEqual(back.clip?.masks, edited.clip?.masks);
-    await t.click("page-gallery");
+    await t.turnTo("gallery");
     await t.byId("example-pointmass/star").click();
     await t.until((s) => s.robot === "pointmass", "another clip");
-    await t.click("page-gallery");
+    await t.turnTo("gallery");
     // The page asks for the list when it is opened.
     const count = ((await studio.api("GET", "/api/drafts")).json() as unknown[]).length;
     await t.page.waitForFunction(

@@ -259,7 +259,7 @@ describe("the first five minutes", () => {
     const fresh = await Studio.start([], dir);
     try {
       const p = await tab(fresh, { width: 1280, height: 800 });
-      await p.byId("page-runs").click();
+      await p.turnTo("runs");
       await p.byId("runs-robot").selectOption("pointmass");
       await p.page.getByLabel("transitions").fill("20000");
       await p.byId("collect").click();

@@ -89,7 +89,7 @@ describe("first run", () => {
     await t.blur();
     await studio.api("POST", "/api/save", { path: "mine.clip.json" });
     await t.until((s) => s.dirty === false, "saved");
-    await t.click("page-gallery");
+    await t.turnTo("gallery");
     const mine = t.byId("own-files").getByRole("button", { name: "star", exact: true });
     await mine.waitFor();
     const above = async (): Promise<boolean> => {

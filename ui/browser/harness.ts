@@ -228,6 +228,12 @@ export class Tab {
     for (const name of names) await legend.getByRole("button", { name }).click();
   }
 
+  /** To another page, until it is shown. */
+  async turnTo(page: Snapshot["page"]): Promise<void> {
+    await this.click(`page-${page}`);
+    await this.until((s) => s.page === page, `on the page ${page}`);
+  }
+
   async goTo(frame: number): Promise<void> {
     const field = this.byId("frame");
     await field.fill(String(frame));

@@ -35,7 +35,7 @@ describe("a robot of one's own", () => {
     await t.afresh();
     await t.rolledOut();
     studio.file("one.urdf", ONE);
-    await t.click("page-runs");
+    await t.turnTo("runs");
     const robot = (): Promise<string> => t.byId("runs-robot").inputValue();
     await t.page.waitForFunction(
       () => (document.querySelector('[data-testid="runs-robot"]') as HTMLSelectElement).value === "ur5e",
@@ -65,7 +65,7 @@ describe("a robot of one's own", () => {
       "no time is claimed before any has passed",
     );
     await t.picture("imported");
-    await t.click("page-editor");
+    await t.turnTo("editor");
   });
 
   test("what was trained for it is offered after a kill, and a run of one step is in the singular", async () => {
@@ -89,9 +89,9 @@ describe("a robot of one's own", () => {
     const note = t.byId("no-model");
     await note.getByRole("button", { name: "Use runs/one" }).waitFor();
     assert.equal(await note.getByText("No policy is trained").count(), 0);
-    await t.click("page-runs");
+    await t.turnTo("runs");
     await t.byId("run-runs/one").getByText("1 of 1 step", { exact: true }).waitFor();
-    await t.click("page-editor");
+    await t.turnTo("editor");
     await note.getByRole("button", { name: "Use runs/one" }).click();
     await t.until(
       (s) => /runs.one/.test(s.settings.model_path ?? "") && s.rollout?.phase === "done",
@@ -111,7 +111,7 @@ describe("a robot of one's own", () => {
     ).json();
     assert.equal((await studio.ended(begun.id)).phase, "done");
     rmSync(studio.file("data/half/manifest.json"));
-    await t.byId("page-runs").click();
+    await t.turnTo("runs");
     // First that of the open clip, then the chosen one.
     const field = (id: string, value: string) =>
       t.page.waitForFunction(
@@ -132,7 +132,7 @@ describe("a robot of one's own", () => {
     await t.byId("begun-data/half").waitFor({ state: "detached" });
     const shelf = (await studio.api("GET", "/api/shelf")).json();
     assert.ok(shelf.begun.length === 0 || shelf.data.length >= 1);
-    await t.byId("page-editor").click();
+    await t.turnTo("editor");
   });
 
   test("nothing left the origin, and no script broke", () => {

@@ -284,7 +284,7 @@ describe("a hand, with still pictures", () => {
     await t.page.waitForFunction(() =>
       /leg/.test((document.querySelector('[data-testid="runs-robot"]') as HTMLSelectElement).value),
     );
-    await t.click("page-editor");
+    await t.turnTo("editor");
     await afresh();
     assert.equal(await t.byId("no-model").count(), 0, "the arm has one");
   });

@@ -61,7 +61,7 @@ describe("thumbnails", () => {
     studio.file("folded.clip.json", JSON.stringify(folded));
     await studio.api("POST", "/api/open", { path: "folded.clip.json" });
     await t.until((s) => s.clip?.name === "folded", "another file");
-    await t.click("page-gallery");
+    await t.turnTo("gallery");
     const own = t.byId("own-files");
     for (const name of ["folded", "arm"]) await own.getByRole("button", { name, exact: true }).waitFor();
     const a = await pixels('[data-testid="own-files"] button[aria-label="folded"] img.thumb');
@@ -71,10 +71,10 @@ describe("thumbnails", () => {
     await t.picture("thumbnails-files");
     // A file that is no clip any more has no picture, and no broken one.
     studio.file("seen.clip.json", "{}");
-    await t.click("page-editor");
+    await t.turnTo("editor");
     await t.page.reload();
     await t.until((s) => s.link === "open", "again");
-    await t.click("page-gallery");
+    await t.turnTo("gallery");
     await own.locator('button[aria-label="arm"] span.thumb').waitFor();
     assert.equal(await own.locator('button[aria-label="arm"] img').count(), 0);
   });

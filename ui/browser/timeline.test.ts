@@ -283,7 +283,7 @@ describe("timeline", () => {
   });
 
   test("a new clip has the name and the length that were asked for", async () => {
-    await t.click("page-gallery");
+    await t.turnTo("gallery");
     await t.page.getByLabel("Robot").first().selectOption("ur5e");
     await t.page.getByLabel("Name of the new clip").fill("wave");
     await t.page.getByLabel("Length of the new clip, seconds").fill("2,5");
