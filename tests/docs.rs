@@ -30,6 +30,45 @@ fn pages_name_files_that_exist() {
     assert!(missing.is_empty(), "{}", missing.join("\n"));
 }
 
+/// `docs/operations.md` says what the types say; `ROBERT_BLESS=1` writes it.
+#[test]
+fn the_page_of_operations_is_that_of_the_types() {
+    let mut text = OPERATIONS.to_owned();
+    let mut group = String::new();
+    for one in robert::clip::operations() {
+        let kind = one.name.split('.').next().unwrap_or_default();
+        if kind != group {
+            group = kind.to_owned();
+            text.push_str(&format!("\n## {group}\n"));
+        }
+        if one.name != kind {
+            text.push_str(&format!("\n### {}\n", one.name));
+        }
+        text.push_str(&format!("\n{}\n\n", one.about));
+        text.push_str("| argument | type | meaning |\n| --- | --- | --- |\n");
+        for a in one.args {
+            let optional = if a.required { "" } else { " Optional." };
+            text.push_str(&format!("| `{}` | {} | {}{optional} |\n", a.name, a.kind, a.about));
+        }
+    }
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/operations.md");
+    if std::env::var_os("ROBERT_BLESS").is_some() {
+        fs::write(&file, &text).unwrap();
+    }
+    let there = fs::read_to_string(&file).unwrap_or_default();
+    assert!(there == text, "ROBERT_BLESS=1 cargo test --test it the_page_of_operations");
+}
+
+const OPERATIONS: &str = "\
+# Operations
+
+Every edit of a clip is an operation: in the studio, in its history, and in `robert clip apply CLIP OPS.json`. An operation
+is an object with a name and arguments, for instance `{\"op\": \"keys.move\", \"args\": {\"frames\": [20], \"df\": 5}}`. A key is
+identified by its frame. The file contains one operation or an array of them. Keys, offsets and end-effector goals have
+the form that they have in a clip (`robert clip schema`). `robert clip ops` prints this list; a test compares the page
+with the program.
+";
+
 /// What the page on failures says is tested is tested, and every limit is in its table.
 #[test]
 fn the_page_on_failures_names_tests_that_exist() {

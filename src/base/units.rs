@@ -68,7 +68,8 @@ pub fn count(text: &str) -> Result<u64, String> {
     Err(format!("{text:?} is not a whole number; write 400000, 400k, 2.5M or 4e5"))
 }
 
-/// Three significant digits in plain decimals: `0.0312`, `0.000421`, `12.3`.
+/// Three significant digits in plain decimals: `0.0312`, `0.000421`, `12.3`. Values below 1e-5 have an exponent:
+/// `3.81e-8`.
 ///
 /// Values below 1e-9 of a unit are rounding errors and are shown as 0.
 pub fn significant(value: f64) -> String {
@@ -78,6 +79,9 @@ pub fn significant(value: f64) -> String {
     // The exponent after rounding: 0.0009996 is shown as 0.00100.
     let rounded = format!("{value:.2e}");
     let exponent: i32 = rounded.split_once('e').and_then(|(_, e)| e.parse().ok()).unwrap_or(0);
+    if exponent < -5 {
+        return rounded;
+    }
     format!("{value:.*}", usize::try_from(2 - exponent).unwrap_or(0))
 }
 
@@ -138,6 +142,8 @@ mod tests {
             (-0.5, "-0.500"),
             (0.0, "0"),
             (3e-12, "0"),
+            (3.812e-8, "3.81e-8"),
+            (-0.000_012_34, "-0.0000123"),
         ];
         for (value, text) in cases {
             assert_eq!(significant(value), text);

@@ -123,7 +123,7 @@ pub(super) fn fmt(a: &Fmt) -> Outcome {
 /// Apply edits from a file. The operations are those of the studio.
 ///
 /// OPS is one operation, an array of operations, or a batch. Either all of them are applied or
-/// none.
+/// none. `robert clip ops` lists the operations with their arguments.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  echo '{\"op\": \"keys.hold\", \"args\": {\"frames\": [0], \"hold\": 20}}' > ops.json\n  robert clip apply wave.clip.json ops.json            print the edited clip\n  robert clip apply wave.clip.json ops.json -i         edit the file\n  robert clip apply wave.clip.json ops.json -i --json   print what changed and how to undo it\n  robert clip apply - ops.json < wave.clip.json        from stdin to stdout"

@@ -7,6 +7,7 @@ mod files;
 mod fix;
 mod info;
 mod join;
+mod ops;
 mod recorded;
 mod simulate;
 
@@ -31,6 +32,7 @@ enum Command {
     Fmt(edit::Fmt),
     Info(info::Info),
     Apply(edit::Apply),
+    Ops(ops::Ops),
     Diff(info::Diff),
     Convert(convert::Convert),
     Join(join::Join),
@@ -53,6 +55,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         Command::Fmt(a) => edit::fmt(a),
         Command::Info(a) => info::info(a),
         Command::Apply(a) => edit::apply_ops(a),
+        Command::Ops(a) => ops::run(a),
         Command::Diff(a) => info::diff(a),
         Command::Convert(a) => convert::run(a),
         Command::Join(a) => join::run(a),
