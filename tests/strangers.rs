@@ -207,3 +207,31 @@ fn a_tendon_without_an_actuator_is_no_trouble() {
     let (code, _, stderr) = call(dir.path(), &["robots", "show", "bot"]);
     assert_eq!(code, 0, "{stderr}");
 }
+
+#[test]
+fn millimetres_are_recognised() {
+    let arm = |x: f64| {
+        format!(
+            r#"<mujoco><compiler angle="radian" autolimits="true"/><worldbody><body pos="0 0 .5"><joint name="a" axis="0 0 1" range="-2 2" damping="1"/>
+            <geom type="box" size=".1 .02 .02"/><body name="fore" pos="{x} 0 0"><joint name="b" axis="0 0 1" range="-2 2" damping="1"/>
+            <geom type="box" size=".1 .02 .02"/><site name="tool" pos=".2 0 0"/></body></body></worldbody>
+            <actuator><motor joint="a" ctrlrange="-20 20"/><motor joint="b" ctrlrange="-20 20"/></actuator></mujoco>"#
+        )
+    };
+    let (far, _) = import("far.xml", &arm(200.0));
+    let said = "the body \\\"fore\\\" is 200 m away from its parent: lengths are in metres";
+    assert!(far.stdout.contains(said), "{}", far.stdout);
+    let (near, bot) = import("near.xml", &arm(0.2));
+    assert!(!near.stdout.contains("away from its parent"));
+    let check = |pos| {
+        let mut clip = Clip::new(bot.clip_ref(), 40);
+        let goal = Reach { point: Point::Site("tool".into()), pos, quat: None };
+        clip.keys = vec![Key { reach: vec![goal], ..Key::with(20, Goal::Open) }];
+        clip.save(&near.dir.path().join("r.clip.json")).unwrap();
+        call(near.dir.path(), &["clip", "check", "r.clip.json"]).1
+    };
+    let hint = "divide millimetres by 1000";
+    assert!(check([300.0, 200.0, 500.0]).contains(hint), "{}", check([300.0, 200.0, 500.0]));
+    let metres = check([3.0, 2.0, 0.5]);
+    assert!(metres.contains("from its goal") && !metres.contains(hint), "{metres}");
+}

@@ -358,7 +358,7 @@ fn speeds(
     }
     if !stuck.is_empty() {
         draft.warnings.push(format!(
-            "the motors do not move {} in most poses: too weak for the weight, or blocked",
+            "the motors do not move {} in most poses: too weak for what they carry, or blocked",
             stuck.join(", ")
         ));
     }

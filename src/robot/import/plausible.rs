@@ -28,8 +28,11 @@ const ACCELERATION: f64 = 5.0;
 /// Joints that a warning names.
 const NAMED: usize = 4;
 
+/// A body that is farther from its parent was written in millimetres, m.
+const FAR: f64 = 30.0;
+
 /// Warns of motors that are too weak against gravity in most poses, of limits far above what any joint
-/// of the robot could need, and of a robot without shapes.
+/// of the robot could need, of a robot without shapes, and of lengths in millimetres.
 ///
 /// # Errors
 /// [`Error::Simulator`].
@@ -39,6 +42,15 @@ pub(super) fn check(draft: &mut Draft, model: &Arc<Model>) -> Result<(), Error> 
             "the robot has no shapes: pictures show nothing of it, and nothing touches it"
                 .to_owned(),
         );
+    }
+    let far = (1..model.nbody()).map(|b| (b, length(&model.body_pos()[3 * b..3 * b + 3])));
+    if let Some((body, m)) = far.filter(|(_, m)| *m > FAR).max_by(|a, b| a.1.total_cmp(&b.1)) {
+        let name = model.name(Kind::Body, body).unwrap_or_default();
+        draft.warnings.push(format!(
+            "the body \"{name}\" is {} m away from its parent: lengths are in metres; if the file has millimetres, \
+             divide them by 1000",
+            digits(m, 3)
+        ));
     }
     let loads = loads(model)?;
     let most = |slides: bool| {
@@ -95,6 +107,10 @@ pub(super) fn check(draft: &mut Draft, model: &Arc<Model>) -> Result<(), Error> 
         ));
     }
     Ok(())
+}
+
+fn length(v: &[f64]) -> f64 {
+    v.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
 /// A motor whose limit does not fit.
