@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use super::failure::{Failure, Outcome};
 use super::input;
-use crate::clip::{Clip, Command, parse};
+use crate::clip::{Clip, Command, Invalid, parse};
 use crate::exit::HasExit;
 use crate::fsio;
 use crate::robot::Robot;
@@ -51,12 +51,22 @@ pub(super) fn clip(text: &str, robot: Option<&str>) -> Outcome<Clip> {
 /// The command of a clip, its joints in the robot's order. The rollout refuses joints that the
 /// robot does not have.
 pub(super) fn command(clip: &Clip, robot: &Robot, text: &str) -> Outcome<Command> {
-    let command = robot.compile(clip).map_err(|e| Failure::invalid(format!("{text}: {e}")))?;
+    let command = robot.compile(clip).map_err(|e| broken(e, clip, text))?;
     if command.dim() != robot.state_dim() {
         return Ok(command);
     }
     let names: Vec<String> = robot.joints().iter().map(|j| j.name.clone()).collect();
     Ok(command.reordered(&names).unwrap_or(command))
+}
+
+/// A rule that a clip breaks, with its line if the clip is in a file.
+fn broken(invalid: Invalid, clip: &Clip, text: &str) -> Failure {
+    let path = Path::new(text);
+    let again = path.is_file().then(|| crate::clip::load(path).ok()).flatten();
+    match again.filter(|parsed| parsed.clip == *clip) {
+        Some(parsed) => parsed.broken(invalid).in_file(path).into(),
+        None => Failure::invalid(format!("{text}: {invalid}")),
+    }
 }
 
 /// An export of MJCF keyframes inside the robot's model.

@@ -50,6 +50,13 @@ impl Parsed {
         line_cols(&self.text, &bytes)
     }
 
+    /// A rule that this clip breaks, with line and column.
+    pub fn broken(&self, invalid: Invalid) -> ClipError {
+        let Invalid { pointer, flaw } = invalid;
+        let (line, col) = self.places([pointer.as_str()]).first().copied().unwrap_or((1, 1));
+        ClipError::Invalid { flaw, pointer, line, col, path: None }
+    }
+
     /// The pointer to the same value in the file, whose lists may have another order.
     fn in_file(&self, pointer: &str) -> String {
         let mut steps: Vec<&str> = pointer.split('/').collect();

@@ -73,6 +73,12 @@ const LINE: f32 = 1.65;
 const STEP: f32 = 1.45;
 /// Letters below this cannot be read.
 const LEAST_PX: f32 = 9.0;
+/// In pictures with fewer lines than this the letters of the legend are smaller.
+const SHRINKS_PX: f32 = 720.0;
+/// The smallest letters of the legend.
+const LEGEND_LEAST_PX: f32 = 10.0;
+/// The largest share of a picture that a legend may cover.
+const LEGEND_SHARE: f32 = 0.12;
 /// A picture narrower than this shows only the line.
 const SMALL_PX: f32 = 160.0;
 /// Between the parts of a line.
@@ -122,8 +128,9 @@ impl Captioner {
         let px = (height.min(0.75 * width) / 32.0).clamp(11.0, 64.0) * scale;
         let margin = (px * 0.8).round();
         let room = width - 2.0 * margin;
-        // Larger letters would hide what a strip shows.
-        let legend_px = px / scale;
+        // Larger letters would hide what a strip shows, and in small pictures the robot.
+        let shrinks = (height.min(0.75 * width) / SHRINKS_PX).min(1.0);
+        let legend_px = (px / scale * shrinks).max(LEGEND_LEAST_PX);
         let mut plan = Plan { legend_px, ..Plan::default() };
         let mut top = margin;
         // Thumbnails are too small for both.
@@ -158,7 +165,8 @@ impl Captioner {
                 .first()
                 .is_none_or(|r| r.frame[1] > margin || r.frame[0] + r.frame[2] + 0.5 * px <= x);
             let y = if beside { margin } else { top };
-            if x >= margin && y + h + 0.4 * px <= bottom {
+            let fits = x >= margin && y + h + 0.4 * px <= bottom;
+            if fits && w * h <= LEGEND_SHARE * width * height {
                 plan.legend = Some([x, y, w, h]);
             }
         }
@@ -319,7 +327,16 @@ mod tests {
         };
         let size = |c: &Caption| Captioner::default().plan(640.0, 480.0, c).rows[0].px;
         assert!(size(&Caption { large: true, ..caption.clone() }) > 1.4 * size(&caption));
-        let sizes = [(640, 480), (360, 480), (300, 900), (200, 150), (160, 120), (64, 48), (8, 8)];
+        let sizes = [
+            (640, 480),
+            (360, 480),
+            (300, 900),
+            (280, 210),
+            (200, 150),
+            (160, 120),
+            (64, 48),
+            (8, 8),
+        ];
         for (w, h) in sizes.map(|(w, h)| (w as f32, h as f32)) {
             let plan = Captioner::default().plan(w, h, &caption);
             let frames: Vec<[f32; 4]> =

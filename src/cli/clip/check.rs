@@ -11,7 +11,7 @@ use super::super::interrupt::cancel_on_ctrl_c;
 use super::super::{input, out};
 use super::fix::{Finder, Fixed};
 use super::simulate::Simulation;
-use crate::clip::{Clip, Granularity, Level, Lint, Parsed, Rule};
+use crate::clip::{Clip, Granularity, Level, Lint, Parsed, Rule, compile_for};
 use crate::exit::Exit;
 use crate::limits;
 use crate::progress::Cancel;
@@ -174,7 +174,11 @@ fn file(a: &Check, path: &Path, bar: &Bar, cancel: &Cancel) -> Result<FileReport
     let asked = robot.as_ref().filter(|_| a.simulate);
     let simulation = asked.map(|robot| Simulation::new(robot, threads, bar, cancel));
     let mut finder = Finder { table: &table, simulation };
-    let mut lints = finder.find(&parsed.clip).map_err(|e| e.about(&place))?;
+    let placed = |e: Failure| match compile_for(&parsed.clip, Some(&table)) {
+        Err(broken) => parsed.broken(broken).in_file(&place).into(),
+        Ok(_) => e.about(&place),
+    };
+    let mut lints = finder.find(&parsed.clip).map_err(placed)?;
     let mut fixed = None;
     if a.fix {
         let (clip, left, done) = finder.fix(&parsed.clip, lints)?;
