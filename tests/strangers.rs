@@ -88,6 +88,31 @@ fn the_motors_of_a_loop_take_its_end_effector_there() {
     assert!(report["precision"].as_f64().unwrap() < 5e-3, "{report}");
 }
 
+#[test]
+fn a_key_for_the_motors_of_a_loop_is_one_for_what_they_carry() {
+    let (ran, bot) = import("linkage.xml", &linkage());
+    let home = bot.home();
+    let motors = ["motor_left", "motor_right"].map(|name| bot.joint_index(name).unwrap());
+    let apart = bot.joint_index("apart").unwrap();
+    let only: Vec<_> = (0..home.len()).map(|j| motors.contains(&j).then_some(-0.3)).collect();
+    let mut clip = Clip::new(bot.clip_ref(), 80);
+    clip.keys = vec![
+        Key::new(0, &home),
+        Key { hold: 5, ..Key::with(30, Goal::Q(only)) },
+        Key { hold: 15, ..Key::new(60, &home) },
+    ];
+    let command = bot.compile(&clip).unwrap();
+    let seen = |f: u32| (0..home.len()).filter(|j| command.sees(f, *j)).collect::<Vec<_>>();
+    assert!(seen(30).len() == home.len() - 1 && !command.sees(30, apart), "{:?}", seen(30));
+    assert_eq!(seen(20), [0_usize; 0]);
+    clip.save(&ran.dir.path().join("motors.clip.json")).unwrap();
+    let args = ["rollout", "motors.clip.json", "--robot", "bot", "--policy", "auto", "--json"];
+    let (code, stdout, stderr) = call(ran.dir.path(), &args);
+    assert_eq!(code, 0, "{stderr}");
+    let report: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+    assert!(report["precision"].as_f64().unwrap() < 2e-3, "{report}");
+}
+
 /// Performs a clip with keys `(frame, q)`, held for 10 frames, and returns its Precision.
 fn precision(dir: &Path, bot: &Robot, keys: &[(u32, &[f64])], policy: &str) -> f64 {
     let mut clip = Clip::new(bot.clip_ref(), keys.last().unwrap().0 + 11);

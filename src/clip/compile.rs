@@ -19,6 +19,7 @@ use super::command::{Command, Span, SpanKind, push_span};
 use super::curve::{hermite, smooth_slope};
 use super::document::{Clip, Fill, Row, Start};
 use super::flaw::Invalid;
+use super::follow::completed;
 use super::grid::round;
 use super::joints::JointTable;
 use super::masks::hide;
@@ -48,7 +49,8 @@ pub fn compile_for(clip: &Clip, table: Option<&JointTable>) -> Result<Command, I
         sorted.insert(clip.clone()).normalize();
     }
     let clip = sorted.as_ref().unwrap_or(clip);
-    Ok(Plan::new(clip, solve(clip, table)?).command())
+    let completed = table.map_or_else(Vec::new, |table| completed(clip, table));
+    Ok(Plan::new(clip, solve(clip, table)?, completed).command())
 }
 
 struct Plan<'a> {
@@ -58,10 +60,12 @@ struct Plan<'a> {
     visible: Vec<bool>, // (frames, dim)
     spans: Vec<Span>,
     solved: Solved,
+    /// Values of keys with those that follow from them; see [`completed`].
+    completed: Vec<Option<Row>>,
 }
 
 impl<'a> Plan<'a> {
-    fn new(clip: &'a Clip, solved: Solved) -> Self {
+    fn new(clip: &'a Clip, solved: Solved, completed: Vec<Option<Row>>) -> Self {
         let cells = clip.length as usize * clip.dim();
         Plan {
             clip,
@@ -70,6 +74,7 @@ impl<'a> Plan<'a> {
             visible: vec![false; cells],
             spans: Vec::new(),
             solved,
+            completed,
         }
     }
 
@@ -166,10 +171,12 @@ impl<'a> Plan<'a> {
         self.row(i)?.get(joint).copied().flatten()
     }
 
-    /// The values of key `i`: solved ones, or those of the document.
+    /// The values of key `i`: solved ones, completed ones, or those of the document.
     fn row(&self, i: usize) -> Option<&Row> {
         let key = self.clip.keys.get(i)?;
-        self.solved.rows.get(i).and_then(Option::as_ref).or_else(|| self.clip.row(key))
+        let found =
+            [&self.solved.rows, &self.completed].into_iter().find_map(|r| r.get(i)?.as_ref());
+        found.or_else(|| self.clip.row(key))
     }
 
     /// The state before frame 0: `start` if there is one. Otherwise each joint has the value of its

@@ -10,6 +10,7 @@ pub mod document;
 pub mod editor;
 pub mod error;
 pub mod flaw;
+mod follow;
 pub mod formats;
 mod grid;
 mod history;

@@ -91,7 +91,7 @@ pub struct IkResult {
 
 /// A target with its points looked up.
 #[derive(Clone, Copy)]
-struct Pull {
+pub(super) struct Pull {
     id: PointId,
     goal: Goal,
     /// Whether the orientation counts.
@@ -164,28 +164,21 @@ impl Kinematics {
         let moves = |i: &usize| pulls.iter().any(|p| p.points().any(|id| self.reaches(*i, id)));
         let own = may.iter().copied().filter(moves).collect();
         let (free, closures) = self.along(own, &may);
-        let columns = free.iter().map(|&i| self.columns(i).collect()).collect();
         let wanted = pulls.len();
         pulls.extend(&closures);
-        let mut search = Search { tree: self, pulls: &pulls, free, columns, config, near: None };
-        // A step that gains less than this leads nowhere: the goal is out of reach.
-        let stalled = 0.01 * config.tolerance_m;
+        let mut search = Search::new(self, &pulls, free, config);
         let mut used = 0;
         if let Some(near) = &config.near {
             search.near = Some(near);
+            let stalled = search.stalled();
             used += search.descend(&mut state, |error, before| {
                 before - error.norm() < stalled || error.norm() < 1e-9
             });
             search.near = None;
         }
-        let closest = |search: &Search<'_>, state: &mut Vec<f64>| {
-            search.descend(state, |error, before| {
-                search.is_reached(error, 0.01) || before - error.norm() < stalled
-            })
-        };
-        used += closest(&search, &mut state);
+        used += search.closest(&mut state);
         search.pulls = &closures;
-        used += closest(&search, &mut state);
+        used += search.closest(&mut state);
         let is_closed = search.is_reached(&search.error(&self.world(&state), &state), 1.0);
         search.pulls = &pulls[..wanted];
         let error = search.error(&self.world(&state), &state);
@@ -211,7 +204,7 @@ impl Kinematics {
     }
 
     /// These joints and those of `may` that move along with them because of closed loops, sorted; and the loops.
-    fn along(&self, mut joints: Vec<usize>, may: &[usize]) -> (Vec<usize>, Vec<Pull>) {
+    pub(super) fn along(&self, mut joints: Vec<usize>, may: &[usize]) -> (Vec<usize>, Vec<Pull>) {
         let mut open: Vec<Pull> = self.closures.iter().map(Pull::closing).collect();
         let mut closures = Vec::new();
         loop {
@@ -232,7 +225,7 @@ impl Kinematics {
         self.columns(joint).any(|(i, _)| one(i))
     }
 
-    fn free_joints(&self, config: &IkConfig) -> Vec<usize> {
+    pub(super) fn free_joints(&self, config: &IkConfig) -> Vec<usize> {
         let mut free: Vec<usize> = match &config.joints {
             Some(list) => list.clone(),
             None => (0..self.joints.len()).collect(),
@@ -282,17 +275,39 @@ impl Kinematics {
     }
 }
 
-struct Search<'a> {
+pub(super) struct Search<'a> {
     tree: &'a Kinematics,
     pulls: &'a [Pull],
-    free: Vec<usize>,
+    pub(super) free: Vec<usize>,
     /// For each free joint itself and its followers, with their factors.
     columns: Vec<Vec<(usize, f64)>>,
     config: &'a IkConfig,
     near: Option<&'a [f64]>,
 }
 
-impl Search<'_> {
+impl<'a> Search<'a> {
+    pub(super) fn new(
+        tree: &'a Kinematics,
+        pulls: &'a [Pull],
+        free: Vec<usize>,
+        config: &'a IkConfig,
+    ) -> Search<'a> {
+        let columns = free.iter().map(|&i| tree.columns(i).collect()).collect();
+        Search { tree, pulls, free, columns, config, near: None }
+    }
+
+    /// A step that gains less than this leads nowhere: the goal is out of reach.
+    fn stalled(&self) -> f64 {
+        0.01 * self.config.tolerance_m
+    }
+
+    /// Improves the state until the goals are met, or until it no longer comes nearer; the number of iterations.
+    pub(super) fn closest(&self, state: &mut Vec<f64>) -> u32 {
+        self.descend(state, |error, before| {
+            self.is_reached(error, 0.01) || before - error.norm() < self.stalled()
+        })
+    }
+
     /// Improves the state until `done` (of the error and of the norm before the last step) or until
     /// no step helps; the number of iterations.
     fn descend(&self, state: &mut Vec<f64>, done: impl Fn(&DVector<f64>, f64) -> bool) -> u32 {
@@ -342,7 +357,7 @@ impl Search<'_> {
 
     /// Stacked errors, metres: three rows per position, three more per orientation, one per free
     /// joint if there is a posture.
-    fn error(&self, world: &World, state: &[f64]) -> DVector<f64> {
+    pub(super) fn error(&self, world: &World, state: &[f64]) -> DVector<f64> {
         let mut rows = Vec::with_capacity(self.target_rows() + self.free.len());
         for p in self.pulls {
             let at = world.point(&p.id);
@@ -364,7 +379,7 @@ impl Search<'_> {
     }
 
     /// Change of the points (and of the posture) with the free joints: (rows of `error`, free).
-    fn jacobian(&self, world: &World) -> DMatrix<f64> {
+    pub(super) fn jacobian(&self, world: &World) -> DMatrix<f64> {
         let targets = self.target_rows();
         let extra = if self.near.is_some() { self.free.len() } else { 0 };
         let mut out = DMatrix::zeros(targets + extra, self.free.len());
@@ -472,7 +487,7 @@ impl Search<'_> {
     }
 
     /// Whether all errors are within this share of the tolerance.
-    fn is_reached(&self, error: &DVector<f64>, share: f64) -> bool {
+    pub(super) fn is_reached(&self, error: &DVector<f64>, share: f64) -> bool {
         let most = self.config.tolerance_m * share;
         let (distances, angles) = self.measure(error);
         distances.iter().all(|d| *d <= most)

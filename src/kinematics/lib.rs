@@ -7,10 +7,12 @@
 //!
 //! `robert-robot` fills the tree from a model, and its tests compare all places with MuJoCo's.
 
+mod carried;
 mod ik;
 mod place;
 mod tree;
 
+pub use carried::Carried;
 pub use ik::{IkConfig, IkResult, Target};
 pub use place::{Place, PointId, UnknownPoint, shortest_turn};
 pub use tree::{

@@ -63,8 +63,11 @@ impl ClipFacts for Robot {
     }
 
     fn compile(&self, clip: &clip::Clip) -> Result<clip::Command, clip::Invalid> {
-        // Only end-effector goals need to know the robot.
-        if clip.keys.iter().all(|k| k.reach.is_empty()) {
+        // Only end-effector goals and joints that follow others need to know the robot.
+        let follow = |c: &Coupling| matches!(c, Coupling::Mimic { .. });
+        let follows = self.profile().couplings.iter().any(follow);
+        let loops = !self.kinematics().closures.is_empty();
+        if !follows && !loops && clip.keys.iter().all(|k| k.reach.is_empty()) {
             return clip::compile(clip);
         }
         clip::compile_for(clip, Some(&self.joint_table()))

@@ -216,13 +216,8 @@ impl Search {
         if !(self.motion.is_done() && std::mem::take(&mut self.changed)) {
             return None;
         }
-        let score = self.judge.score(&self.motion);
-        let lost = score.is_none() && self.kept.as_ref().is_some_and(|kept| !self.refuses(kept));
-        if lost || unnatural(&self.motion) > gaps {
-            self.go_back();
-            return None;
-        }
-        score.filter(|s| *s < least)?;
+        let score = self.judge.score(&self.motion).filter(|s| *s < least);
+        score.filter(|_| unnatural(&self.motion) <= gaps)?;
         self.keep();
         let Some(mut copy) = self.spare.pop() else {
             unreachable!("two are left beside the tries")

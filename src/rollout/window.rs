@@ -26,6 +26,8 @@ pub struct Goals {
     last: Vec<bool>,
     /// The command beyond the end; (dim).
     end: Vec<f64>,
+    /// Joints that are free beyond the end, because they were free before; (dim).
+    end_free: Vec<bool>,
 }
 
 impl Goals {
@@ -40,6 +42,7 @@ impl Goals {
             in_gap: vec![false; frames * dim],
             last: vec![true; frames * dim],
             end: vec![0.0; dim],
+            end_free: vec![false; dim],
         };
         // The line through the masks is that of the clip, bit for bit, so the timeline draws the
         // same virtual keyframe as the policy gets.
@@ -53,6 +56,10 @@ impl Goals {
         for (to, q) in goals.end.iter_mut().zip(command.held_end()) {
             *to = f64::from(q);
         }
+        let last = |j: usize| (0..frames).rev().find(|&f| goals.is_visible(f, j)).unwrap_or(0);
+        let lasts: Vec<usize> = (0..dim).map(last).collect();
+        let end = lasts.iter().copied().max().unwrap_or(0);
+        goals.end_free = lasts.into_iter().map(|last| last + COMMAND < end).collect();
         goals
     }
 
@@ -180,14 +187,15 @@ impl Goals {
     /// Writes the command part of the window at frame `t`: goals of t+1 ..= t+20.
     ///
     /// Beyond the end of the clip the last value is held and visible, because a person expects the
-    /// robot to stay there. Masking it instead gave the same figures.
+    /// robot to stay there. Masking it instead gave the same figures. A joint that was free while others had goals
+    /// stays free: it would go back to a goal of long ago, and pull others along where loops are closed.
     fn show(&self, t: usize, window: &mut Window) {
         let last = self.frames.saturating_sub(1);
         let Window { command: q, visible, end, free, passing, .. } = window;
         match t + COMMAND {
             f if f > last => {
                 end.copy_from_slice(&self.end);
-                free.fill(false);
+                free.copy_from_slice(&self.end_free);
             }
             f => {
                 end.copy_from_slice(self.row(f));
@@ -199,7 +207,7 @@ impl Goals {
             let rows = i * self.dim..(i + 1) * self.dim;
             if f > last {
                 q[rows.clone()].copy_from_slice(&self.end);
-                visible[rows].fill(true);
+                visible[rows].iter_mut().zip(&self.end_free).for_each(|(seen, free)| *seen = !free);
             } else {
                 q[rows.clone()].copy_from_slice(self.row(f));
                 visible[rows].copy_from_slice(&self.visible[f * self.dim..(f + 1) * self.dim]);
@@ -463,6 +471,26 @@ mod tests {
         let w = window(&g, 1, 0.1);
         assert!(w.visible.iter().all(|&v| v));
         assert!(w.command.iter().all(|&c| (c - 0.2).abs() < 1e-6));
+    }
+
+    #[test]
+    fn a_joint_that_was_free_stays_free_past_the_end() {
+        // The second one has its last goal at the start, the third one shortly before that of the first.
+        let names = ["a", "b", "c"].map(str::to_owned).to_vec();
+        let (mut q, mut visible) = (vec![0.0_f32; 90], vec![false; 90]);
+        visible[..3].fill(true);
+        for (f, j, value) in [(28, 0, 0.4), (29, 0, 0.4), (10, 2, 0.7)] {
+            (q[f * 3 + j], visible[f * 3 + j]) = (value, true);
+        }
+        let command = Command::from_dense(names, vec![0.0; 3], q, visible).unwrap();
+        let goals = Goals::new(&command);
+        let mut w = Window::new(3);
+        for t in 0..30 {
+            w.fill(t, &vec![0.0; 3 * (HISTORY + t + 1)], &goals);
+            assert!(w.next_goal(1).is_none() && w.free == [false, true, false], "frame {t}");
+        }
+        assert_eq!((w.next_goal(0).map(|g| g.0), w.next_goal(2).map(|g| g.0)), (Some(0), Some(0)));
+        assert!((w.command[2] - 0.7).abs() < 1e-6);
     }
 
     #[test]
