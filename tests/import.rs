@@ -997,6 +997,22 @@ fn balls_become_hinges_and_a_base_that_floats_is_one() {
     let args = ["import", "m.xml", "--out", "bot", "--fixed-base"];
     let ran = robert().file("m.xml", model(floating)).args(args).succeeds();
     assert_eq!(Robot::from_folder(&ran.path("bot")).unwrap().joints().len(), 4);
+
+    // Three hinges in place of the ball are joints that the state can have.
+    let six = floating.replace(
+        r#"<joint type="ball"/>"#,
+        r#"<joint axis="1 0 0"/><joint axis="0 1 0"/><joint name="yaw" axis="0 0 1"/>"#,
+    );
+    let ran = robert().file("m.xml", model(&six)).args(args).succeeds();
+    assert_eq!(Robot::from_folder(&ran.path("bot")).unwrap().joints().len(), 4);
+    assert!(ran.stdout.contains("\"hip\" no longer floats"), "{}", ran.stdout);
+    let falls = "\"hip\" floats on three slides and three hinges without motors";
+    let import = |base: &str| robert().file("m.xml", model(base)).args(&args[..4]).succeeds();
+    let ran = import(&six);
+    assert_eq!(Robot::from_folder(&ran.path("bot")).unwrap().joints().len(), 10);
+    assert!(ran.stdout.contains(falls), "{}", ran.stdout);
+    let five = six.replace(r#"<joint axis="1 0 0"/>"#, "");
+    assert!(!import(&five).stdout.contains(falls));
 }
 
 #[test]

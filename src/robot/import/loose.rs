@@ -155,6 +155,24 @@ pub(super) fn is_base(ball: Node<'_, '_>) -> bool {
     is_ball(&ball) && slides_beside(ball).len() == 3 && !above
 }
 
+/// The joints of each body that floats on three slides and three hinges without motors, and that neither a
+/// joint carries nor a loop holds.
+pub(super) fn floating_on_six<'a, 'd>(doc: &'a Document<'d>) -> Vec<Vec<Node<'a, 'd>>> {
+    let joints = |body: Node<'a, 'd>| -> Vec<_> {
+        body.children().filter(|n| n.has_tag_name("joint") || n.has_tag_name("freejoint")).collect()
+    };
+    let floats = |all: &Vec<Node<'a, 'd>>| {
+        let Some(body) = all.first().and_then(Node::parent) else { return false };
+        let of = |wanted: &str| all.iter().filter(|j| kind(j).unwrap_or("hinge") == wanted).count();
+        all.len() == 6
+            && (of("slide"), of("hinge")) == (3, 3)
+            && !all.iter().any(|joint| referred(*joint))
+            && !body.ancestors().skip(1).any(|above| !joints(above).is_empty())
+            && !closes_a_loop(doc, all[0])
+    };
+    doc.descendants().filter(|n| n.has_tag_name("body")).map(joints).filter(floats).collect()
+}
+
 /// The type of a joint: its own, or that of its default class.
 fn kind<'a>(joint: &Node<'a, '_>) -> Option<&'a str> {
     let class = || Classes::of(joint.document()).get(*joint, &["joint"], "type");

@@ -335,7 +335,7 @@ fn names(doc: &Document<'_>, draft: &mut Draft, edits: &mut Edits) {
 }
 
 /// Replaces free joints of bodies that close a loop, and removes the others if this was requested;
-/// otherwise those are an error. Returns whether the number of coordinates changed.
+/// otherwise those are an error. Slides and hinges on which a body floats are removed likewise, or a warning. Returns whether the number of coordinates changed.
 fn free_base(
     doc: &Document<'_>,
     path: &std::path::Path,
@@ -351,10 +351,23 @@ fn free_base(
     {
         return Err(preparse::refuse(*first, path, loose::ways_out(&loose)));
     }
-    let any = !tied.is_empty() || !loose.is_empty();
+    let six = loose::floating_on_six(doc);
+    let any = !tied.is_empty() || !loose.is_empty() || (config.fixed_base && !six.is_empty());
     let body = |joint: &Node<'_, '_>| {
         joint.parent().and_then(|p| p.attribute("name")).unwrap_or("a body").to_owned()
     };
+    for joints in six {
+        let name = body(&joints[0]);
+        if config.fixed_base {
+            joints.iter().for_each(|joint| edits.replace(joint.range(), ""));
+            draft.changed.push(format!("\"{name}\" no longer floats: held where it is"));
+        } else {
+            draft.warnings.push(format!(
+                "\"{name}\" floats on three slides and three hinges without motors, so the robot falls; \
+                 --fixed-base holds it still"
+            ));
+        }
+    }
     for joint in tied.iter().chain(&loose).filter(|joint| loose::is_ball(joint)) {
         loose::slides_beside(*joint).iter().for_each(|s| edits.replace(s.range(), ""));
     }
