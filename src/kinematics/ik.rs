@@ -11,16 +11,24 @@
 //! one search in the null space of the targets, because its rank is uncertain when an arm is nearly
 //! stretched.
 //!
+//! Joints on one tendon move alike as long as the targets can be met so. If they cannot, another search lets
+//! them move apart, as contact may do.
+//!
 //! The ends of closed loops ([`super::tree::Closure`]) are drawn together during the search with more weight than
 //! the targets have. Where these are out of reach, a last search closes the loops alone.
 
 use nalgebra::{DMatrix, DVector, Isometry3, Quaternion, UnitQuaternion, Vector3};
 
 use super::place::{PointId, UnknownPoint, World};
-use super::tree::{Anchor, Closure, Follow, JointMotion, Kinematics, Point};
+use super::tree::{Anchor, Closure, Follow, JointMotion, Kinematics, Point, Share};
 
 /// The cost of a radian away from the posture in the first search, as metres away from a target.
 const NEAR_WEIGHT: f64 = 0.01;
+
+/// The cost of a radian between joints on one tendon, as metres away from a target.
+const APART_WEIGHT: f64 = 0.05;
+/// Joints on one tendon that are nearer to each other than this move alike, rad.
+const ALIKE: f64 = 1e-3;
 
 /// The cost of a metre between the ends of a loop, as metres away from a target.
 const CLOSURE_WEIGHT: f64 = 10.0;
@@ -167,6 +175,7 @@ impl Kinematics {
         let wanted = pulls.len();
         pulls.extend(&closures);
         let mut search = Search::new(self, &pulls, free, config);
+        search.tendons = &self.tendons;
         let mut used = 0;
         if let Some(near) = &config.near {
             search.near = Some(near);
@@ -177,6 +186,10 @@ impl Kinematics {
             search.near = None;
         }
         used += search.closest(&mut state);
+        search.tendons = &[];
+        if !search.is_reached(&search.error(&self.world(&state), &state), 1.0) {
+            used += search.closest(&mut state);
+        }
         search.pulls = &closures;
         used += search.closest(&mut state);
         let is_closed = search.is_reached(&search.error(&self.world(&state), &state), 1.0);
@@ -283,6 +296,8 @@ pub(super) struct Search<'a> {
     columns: Vec<Vec<(usize, f64)>>,
     config: &'a IkConfig,
     near: Option<&'a [f64]>,
+    /// Tendons whose joints move alike.
+    tendons: &'a [Vec<Share>],
 }
 
 impl<'a> Search<'a> {
@@ -293,7 +308,7 @@ impl<'a> Search<'a> {
         config: &'a IkConfig,
     ) -> Search<'a> {
         let columns = free.iter().map(|&i| tree.columns(i).collect()).collect();
-        Search { tree, pulls, free, columns, config, near: None }
+        Search { tree, pulls, free, columns, config, near: None, tendons: &[] }
     }
 
     /// A step that gains less than this leads nowhere: the goal is out of reach.
@@ -304,7 +319,8 @@ impl<'a> Search<'a> {
     /// Improves the state until the goals are met, or until it no longer comes nearer; the number of iterations.
     pub(super) fn closest(&self, state: &mut Vec<f64>) -> u32 {
         self.descend(state, |error, before| {
-            self.is_reached(error, 0.01) || before - error.norm() < self.stalled()
+            let arrived = self.is_reached(error, 0.01) && self.is_alike(error);
+            arrived || before - error.norm() < self.stalled()
         })
     }
 
@@ -375,14 +391,29 @@ impl<'a> Search<'a> {
         if let Some(near) = self.near {
             rows.extend(self.free.iter().map(|&i| NEAR_WEIGHT * (near[i] - state[i])));
         }
+        let apart = |(a, b): (Share, Share)| state[b.joint] / b.factor - state[a.joint] / a.factor;
+        rows.extend(self.neighbours().map(|pair| APART_WEIGHT * apart(pair)));
         DVector::from_vec(rows)
+    }
+
+    /// Pairs of joints on one tendon.
+    fn neighbours(&self) -> impl Iterator<Item = (Share, Share)> {
+        let pairs = |tendon: &'a Vec<Share>| tendon.windows(2).map(|pair| (pair[0], pair[1]));
+        self.tendons.iter().flat_map(pairs)
+    }
+
+    /// Whether joints on one tendon are where they belong; the end of the stacked errors says it.
+    fn is_alike(&self, error: &DVector<f64>) -> bool {
+        let pairs = self.neighbours().count();
+        error.rows(error.len() - pairs, pairs).amax() <= APART_WEIGHT * ALIKE
     }
 
     /// Change of the points (and of the posture) with the free joints: (rows of `error`, free).
     pub(super) fn jacobian(&self, world: &World) -> DMatrix<f64> {
         let targets = self.target_rows();
         let extra = if self.near.is_some() { self.free.len() } else { 0 };
-        let mut out = DMatrix::zeros(targets + extra, self.free.len());
+        let pairs = self.neighbours().count();
+        let mut out = DMatrix::zeros(targets + extra + pairs, self.free.len());
         let mut top = 0;
         for p in self.pulls {
             for (k, columns) in self.columns.iter().enumerate() {
@@ -406,6 +437,13 @@ impl<'a> Search<'a> {
         }
         for k in 0..extra {
             out[(targets + k, k)] = NEAR_WEIGHT;
+        }
+        for (row, (a, b)) in self.neighbours().enumerate() {
+            for (share, sign) in [(a, 1.0), (b, -1.0)] {
+                if let Ok(k) = self.free.binary_search(&share.joint) {
+                    out[(targets + extra + row, k)] = sign * APART_WEIGHT / share.factor;
+                }
+            }
         }
         out
     }

@@ -16,5 +16,5 @@ pub use carried::Carried;
 pub use ik::{IkConfig, IkResult, Target};
 pub use place::{Place, PointId, UnknownPoint, shortest_turn};
 pub use tree::{
-    Anchor, Closure, Follow, JointAxis, JointMotion, Kinematics, LinkFrame, Point, SiteFrame,
+    Anchor, Closure, Follow, JointAxis, JointMotion, Kinematics, LinkFrame, Point, Share, SiteFrame,
 };

@@ -182,6 +182,7 @@ mod tests {
                 quat: identity,
             }],
             closures: Vec::new(),
+            tendons: Vec::new(),
         }
     }
 

@@ -15,6 +15,9 @@ pub struct Kinematics {
     /// Where bodies are held together, so that the tree has closed loops.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub closures: Vec<Closure>,
+    /// Joints that one tendon pulls: q / factor is the same for all of them, unless contact sets them apart.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub tendons: Vec<Vec<Share>>,
 }
 
 /// A body.
@@ -68,6 +71,15 @@ pub struct Follow {
     pub offset: f64,
     /// Factor.
     pub multiplier: f64,
+}
+
+/// A joint on a tendon.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Share {
+    /// Index of the joint.
+    pub joint: usize,
+    /// Its factor; not 0.
+    pub factor: f64,
 }
 
 /// A named point of a body.

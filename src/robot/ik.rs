@@ -154,6 +154,26 @@ mod tests {
     }
 
     #[test]
+    fn joints_on_one_tendon_move_alike_if_they_can() {
+        let robot = Robot::builtin("shadow_hand").unwrap();
+        let mut data = Data::new(robot.model()).unwrap();
+        let [a, b, knuckle] = ["FFJ2", "FFJ1", "FFJ3"].map(|n| robot.joint_index(n).unwrap());
+        let solve = |bend: [f64; 2], data: &mut Data| {
+            let mut goal = robot.home();
+            (goal[a], goal[b], goal[knuckle]) = (bend[0], bend[1], 0.4);
+            let pos = site(&robot, &goal, "fftip");
+            let target = Target { point: Point::Site("fftip".into()), pos, quat: None };
+            robot.ik(data, &robot.home(), &[target], &IkConfig::default()).unwrap()
+        };
+        // Another bend of the knuckle brings the tip to the same place.
+        let r = solve([0.9, 0.5], &mut data);
+        assert!(r.reached && (r.state[a] - r.state[b]).abs() < 2e-3, "{r:?}");
+        // Where they cannot, contact may set them apart.
+        let r = solve([0.0, 1.5], &mut data);
+        assert!(r.reached, "{r:?}");
+    }
+
+    #[test]
     fn locked_joints_stay_and_subsets_move_alone() {
         let robot = Robot::builtin("ur5e").unwrap();
         let mut data = Data::new(robot.model()).unwrap();

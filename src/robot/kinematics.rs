@@ -1,7 +1,7 @@
 //! The robot's tree of bodies as plain data, from the compiled model.
 
 use robert_kinematics::{
-    Anchor, Closure, Follow, JointAxis, JointMotion, Kinematics, LinkFrame, SiteFrame,
+    Anchor, Closure, Follow, JointAxis, JointMotion, Kinematics, LinkFrame, Share, SiteFrame,
 };
 use robert_mujoco::{Joint, Kind, Model, index};
 
@@ -54,6 +54,7 @@ fn tree(model: &Model, profile: &Profile, joints: &[StateJoint]) -> Kinematics {
         joints: joints.iter().map(axis).collect(),
         sites: (0..model.nsite()).filter_map(site).collect(),
         closures: (0..model.neq()).filter_map(|eq| closure(model, eq)).collect(),
+        tendons: profile.couplings.iter().filter_map(|c| shares(c, joints)).collect(),
     }
 }
 
@@ -75,6 +76,16 @@ fn closure(model: &Model, eq: usize) -> Option<Closure> {
         Anchor { link: body(model.eq_obj2id()), pos: second, quat: upright },
     ];
     (model.eq_active()[eq] != 0).then_some(Closure { ends, turns: kind == WELD })
+}
+
+/// The joints of a tendon.
+fn shares(coupling: &Coupling, joints: &[StateJoint]) -> Option<Vec<Share>> {
+    let Coupling::Tendon { joints: names, coefs, .. } = coupling else { return None };
+    let share = |(name, factor): (&String, &f64)| {
+        let joint = joints.iter().position(|j| &j.name == name)?;
+        (*factor != 0.0).then_some(Share { joint, factor: *factor })
+    };
+    names.iter().zip(coefs).map(share).collect()
 }
 
 /// The joint that this one follows.

@@ -4,6 +4,16 @@
 /** Any JSON. */
 export type Json = null | boolean | number | string | Json[] | { [name: string]: Json };
 
+/** A frame that is fixed to a body. */
+export interface Anchor {
+  /** Index of the body. */
+  link: number;
+  /** Position in the body's frame, m. */
+  pos: [number, number, number];
+  /** Orientation in the body's frame, w x y z. */
+  quat: [number, number, number, number];
+}
+
 /** The position and the axis of a joint. */
 export interface AxisFacts {
   /** Direction, in the body's frame. */
@@ -192,6 +202,14 @@ export interface ClipRename {
 export interface ClipStart {
   /** The start; null = the first key's values. */
   start?: Start | null;
+}
+
+/** Two points that a constraint holds together. */
+export interface Closure {
+  /** The points. */
+  ends: [Anchor, Anchor];
+  /** Whether their orientations are the same, too. */
+  turns: boolean;
 }
 
 /** The kind of a refusal. */
@@ -1070,12 +1088,16 @@ export interface KeysSparsify {
 
 /** A robot as its geometry: bodies on hinges and slides. */
 export interface Kinematics {
+  /** Where bodies are held together, so that the tree has closed loops. */
+  closures?: Closure[];
   /** Joints, in state order. */
   joints: JointAxis[];
   /** Bodies, the world first; every body comes after its parent. */
   links: LinkFrame[];
   /** Named points of bodies. */
   sites: SiteFrame[];
+  /** Joints that one tendon pulls: q / factor is the same for all of them, unless contact sets them apart. */
+  tendons?: Share[][];
 }
 
 /** Severity of a finding. */
@@ -1894,6 +1916,14 @@ export interface SettledPose {
   joint: string;
   /** The pose in which it rests, in the clip's joint order, rad or m. */
   q: number[];
+}
+
+/** A joint on a tendon. */
+export interface Share {
+  /** Its factor; not 0. */
+  factor: number;
+  /** Index of the joint. */
+  joint: number;
 }
 
 /** The answer of `GET /api/shelf`. */
