@@ -86,6 +86,11 @@ fn the_motors_of_a_loop_take_its_end_effector_there() {
     assert_eq!(code, 0, "{stderr}");
     let report: serde_json::Value = serde_json::from_str(&stdout).unwrap();
     assert!(report["precision"].as_f64().unwrap() < 5e-3, "{report}");
+    let arrival = &report["arrivals"][0];
+    assert_eq!((&arrival["frames"], &arrival["point"]), (&[30, 60].into(), &"tool".into()));
+    let worst = arrival["worst"].as_f64().unwrap();
+    assert!(worst < 5e-3 && arrival["distance"].as_f64().unwrap() <= worst, "{arrival}");
+    assert!(arrival["angle"].is_null());
 }
 
 #[test]
@@ -231,6 +236,20 @@ fn a_tendon_without_an_actuator_is_no_trouble() {
     std::fs::write(dir.path().join("bot/profile.toml"), profile).unwrap();
     let (code, _, stderr) = call(dir.path(), &["robots", "show", "bot"]);
     assert_eq!(code, 0, "{stderr}");
+}
+
+#[test]
+fn a_limit_that_is_ten_thousand_times_what_it_takes_is_a_placeholder() {
+    let warned = |effort: f64, mass: f64| {
+        let hub = format!(
+            r#"<robot name="hub"><link name="base"/><link name="wheel"><inertial><origin xyz=".002 0 0"/><mass value="{mass}"/><inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>
+            <joint name="steer" type="revolute"><parent link="base"/><child link="wheel"/><axis xyz="0 1 0"/><limit lower="-.5" upper=".5" effort="{effort}" velocity="3"/></joint></robot>"#
+        );
+        import("hub.urdf", &hub).0.stdout
+    };
+    assert!(warned(300.0, 0.1).contains("if these limits are placeholders"));
+    assert!(!warned(8.0, 0.1).contains("placeholders"));
+    assert!(warned(9e5, 1e5).contains("weigh 100000 kg"));
 }
 
 #[test]

@@ -4,6 +4,7 @@
 //! parses text, and each command turns it into a plan whose values are checked before any work
 //! begins. So a typo never costs an hour.
 
+mod arrivals;
 mod bar;
 mod bench;
 mod check;

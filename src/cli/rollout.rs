@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
+use super::arrivals::{arrivals, said};
 use super::failure::{Failure, Outcome};
 use super::global::Global;
 use super::perform::{PerformArgs, Performed, perform};
@@ -147,6 +148,7 @@ fn report(args: &Args, done: &Performed, p: &Precision) -> Value {
             .map(|(j, e)| json!({"joint": j.name, "error": e}))
             .collect::<Vec<_>>(),
         "holds": p.holds,
+        "arrivals": arrivals(done),
         "per_frame": p.per_frame,
         "out": args.out,
     })
@@ -221,6 +223,10 @@ fn summary(done: &Performed, p: &Precision, unit: &str) -> String {
     if !p.holds.is_empty() {
         rows.push(("end of holds", value(p.hold_end), "mean |error| in their last frame"));
         rows.push(("late", late, "from the start of a hold until within 0.05"));
+    }
+    let arrived = said(&arrivals(done));
+    if let Some((figure, what)) = &arrived {
+        rows.push(("end effectors", figure.clone(), what));
     }
     rows.push((
         "mean |du|",

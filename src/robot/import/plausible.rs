@@ -20,6 +20,11 @@ const ABSURD_ALONE: f64 = 1000.0;
 const OTHERS: f64 = 10.0;
 /// A limit below this is none, N m or N: a gripper needs force beyond what carries it.
 const USUAL: f64 = 300.0;
+/// A limit that is this many times what the most loaded joint needs is one from [`LEAST`] on.
+const HUGE: f64 = 10_000.0;
+const LEAST: f64 = 10.0;
+/// A robot that weighs more was not written in kilograms, or with the densities of its materials, kg.
+const HEAVY: f64 = 20_000.0;
 /// Force limit relative to the greatest weight that a motor carries in some pose.
 const RESERVE: f64 = 2.5;
 /// The acceleration that a motor reaches if it carries no weight, rad/s^2 or m/s^2. The first joint
@@ -73,13 +78,18 @@ pub(super) fn check(draft: &mut Draft, model: &Arc<Model>) -> Result<(), Error> 
             rubbing.push(Unfit { joint: j, asked: friction, limit });
         } else if median > limit {
             weak.push(Unfit { joint: j, asked: median, limit });
-        } else if limit > (ABSURD * most).max(USUAL) {
+        } else if limit > (ABSURD * most).max(USUAL) || limit > (HUGE * most).max(LEAST) {
             absurd.push(Unfit { joint: j, asked: most, limit });
         } else if limit > (ABSURD_ALONE * own).max(OTHERS * usual).max(USUAL) {
             absurd.push(Unfit { joint: j, asked: own, limit });
         }
     }
     let mass = model.moving_mass();
+    if mass > HEAVY {
+        draft.warnings.push(format!(
+            "the robot's moving parts weigh {mass:.0} kg: check the masses in the file (kg) and its densities (kg/m^3)"
+        ));
+    }
     if !weak.is_empty() {
         draft.warnings.push(format!(
             "the motors of {} of {driven} joints with a torque limit cannot hold the robot of {mass:.1} kg up in \
