@@ -11,8 +11,8 @@
 //! one search in the null space of the targets, because its rank is uncertain when an arm is nearly
 //! stretched.
 //!
-//! Joints on one tendon move alike as long as the targets can be met so. If they cannot, another search lets
-//! them move apart, as contact may do.
+//! Joints on one tendon move alike. Letting them move apart where targets are out of reach otherwise led to
+//! poses that no tendon holds: the fingertip then was as far off in simulation, and the joints missed as well.
 //!
 //! The ends of closed loops ([`super::tree::Closure`]) are drawn together during the search with more weight than
 //! the targets have. Where these are out of reach, a last search closes the loops alone.
@@ -26,7 +26,7 @@ use super::tree::{Anchor, Closure, Follow, JointMotion, Kinematics, Point, Share
 const NEAR_WEIGHT: f64 = 0.01;
 
 /// The cost of a radian between joints on one tendon, as metres away from a target.
-const APART_WEIGHT: f64 = 0.05;
+const APART_WEIGHT: f64 = 0.3;
 /// Joints on one tendon that are nearer to each other than this move alike, rad.
 const ALIKE: f64 = 1e-3;
 
@@ -187,9 +187,6 @@ impl Kinematics {
         }
         used += search.closest(&mut state);
         search.tendons = &[];
-        if !search.is_reached(&search.error(&self.world(&state), &state), 1.0) {
-            used += search.closest(&mut state);
-        }
         search.pulls = &closures;
         used += search.closest(&mut state);
         let is_closed = search.is_reached(&search.error(&self.world(&state), &state), 1.0);
