@@ -33,24 +33,22 @@ fn pages_name_files_that_exist() {
 /// `docs/operations.md` says what the types say; `ROBERT_BLESS=1` writes it.
 #[test]
 fn the_page_of_operations_is_that_of_the_types() {
-    let mut text = OPERATIONS.to_owned();
     let mut group = String::new();
-    for one in robert::clip::operations() {
-        let kind = one.name.split('.').next().unwrap_or_default();
-        if kind != group {
-            group = kind.to_owned();
-            text.push_str(&format!("\n## {group}\n"));
-        }
-        if one.name != kind {
-            text.push_str(&format!("\n### {}\n", one.name));
-        }
-        text.push_str(&format!("\n{}\n\n", one.about));
-        text.push_str("| argument | type | meaning |\n| --- | --- | --- |\n");
-        for a in one.args {
+    let page = |one: robert::clip::Operation| {
+        let kind = one.name.split('.').next().unwrap_or_default().to_owned();
+        let head = if kind == group { String::new() } else { format!("\n## {kind}\n") };
+        let title = if one.name == kind { String::new() } else { format!("\n### {}\n", one.name) };
+        group = kind;
+        let row = |a: robert::clip::Argument| {
             let optional = if a.required { "" } else { " Optional." };
-            text.push_str(&format!("| `{}` | {} | {}{optional} |\n", a.name, a.kind, a.about));
-        }
-    }
+            format!("| `{}` | {} | {}{optional} |\n", a.name, a.kind, a.about)
+        };
+        let rows: String = one.args.into_iter().map(row).collect();
+        let table = "| argument | type | meaning |\n| --- | --- | --- |\n";
+        format!("{head}{title}\n{}\n\n{table}{rows}", one.about)
+    };
+    let pages: String = robert::clip::operations().into_iter().map(page).collect();
+    let text = OPERATIONS.to_owned() + &pages;
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/operations.md");
     if std::env::var_os("ROBERT_BLESS").is_some() {
         fs::write(&file, &text).unwrap();

@@ -87,7 +87,7 @@ impl<'a> Parts<'a> {
     fn kind(&self, schema: &Value) -> String {
         if let Some(name) = name_of(schema) {
             let part = &self.parts[name];
-            let words: Vec<_> = self.words(part).into_iter().map(|w| format!("`{w}`")).collect();
+            let words: Vec<_> = words_of(part).into_iter().map(|w| format!("`{w}`")).collect();
             return match &words[..] {
                 [] if name == "#" => "operation".to_owned(),
                 [] => format!("{} as in a clip", name.to_lowercase()),
@@ -121,19 +121,19 @@ impl<'a> Parts<'a> {
         }
         or_null(kind, schema)
     }
+}
 
-    /// The words among which a value is chosen; none if it is of another kind.
-    fn words(&self, part: &Value) -> Vec<String> {
-        if let Some(words) = part["enum"].as_array() {
-            return words.iter().map(text).collect();
-        }
-        let choices = part["oneOf"].as_array().or(part["anyOf"].as_array());
-        choices
-            .into_iter()
-            .flatten()
-            .filter_map(|one| Some(one["const"].as_str()?.to_owned()))
-            .collect()
+/// The words among which a value is chosen; none if it is of another kind.
+fn words_of(part: &Value) -> Vec<String> {
+    if let Some(words) = part["enum"].as_array() {
+        return words.iter().map(text).collect();
     }
+    let choices = part["oneOf"].as_array().or(part["anyOf"].as_array());
+    choices
+        .into_iter()
+        .flatten()
+        .filter_map(|one| Some(one["const"].as_str()?.to_owned()))
+        .collect()
 }
 
 fn or_null(kind: String, schema: &Value) -> String {

@@ -43,10 +43,10 @@ fn page(one: &Operation) -> String {
         one.args.iter().map(|a| of(a).chars().count()).max().unwrap_or(0)
     };
     let (name, kind) = (wide(|a| &a.name), wide(|a| &a.kind));
-    let mut text = format!("{}: {}", one.name, one.about);
-    for a in &one.args {
-        let about = if a.required { a.about.clone() } else { format!("{} Optional.", a.about) };
-        text.push_str(&format!("\n  {:name$}  {:kind$}  {about}", a.name, a.kind));
-    }
-    text
+    let line = |a: &crate::clip::Argument| {
+        let optional = if a.required { "" } else { " Optional." };
+        format!("\n  {:name$}  {:kind$}  {}{optional}", a.name, a.kind, a.about)
+    };
+    let lines: String = one.args.iter().map(line).collect();
+    format!("{}: {}{lines}", one.name, one.about)
 }
