@@ -1,4 +1,4 @@
-//! How far end effectors were from their goals in a motion.
+//! How far end effectors were from their goals in a motion. Frames that a mask hides do not count.
 
 use serde::Serialize;
 
@@ -29,7 +29,9 @@ pub(super) fn arrivals(done: &Performed) -> Vec<Arrival> {
     for (i, key) in clip.keys.iter().enumerate() {
         // The start is where the robot is put.
         let frames = [key.frame.max(1), clip.hold_end(i)];
-        let held = states.get(frames[0] as usize..frames[1] as usize).unwrap_or_default();
+        let sees = |f: &u32| (0..d).any(|j| done.command.sees(*f, j));
+        let asked = (frames[0]..frames[1]).filter(sees);
+        let held: Vec<&[f64]> = asked.filter_map(|f| states.get(f as usize).copied()).collect();
         for reach in &key.reach {
             let Some(id) = tree.point(&reach.point).ok().filter(|_| !held.is_empty()) else {
                 continue;

@@ -3,7 +3,8 @@
 //! A key commands its value for `hold` frames. Then its fill applies up to the next key. After the
 //! last key `linear`, `cubic` and `hold` keep its value, and `mask` commands nothing. Before the
 //! first key everything is masked. A joint that is null at one end of a linear or cubic fill is
-//! masked inside it. Offsets are added to what keys and fills command. Mask spans override everything.
+//! masked inside it. Joints that follow others, or that a closed loop carries, have the values that follow
+//! ([`super::follow`]). Offsets are added to what keys and fills command. Mask spans override everything.
 //!
 //! `cubic` is the monotone cubic of Fritsch and Butland (SIAM J. Sci. Stat. Comput. 5,
 //! 1984), slope 0 at a hold, at the end of a cubic run and at an extremum. Rejected: a natural
@@ -13,13 +14,13 @@
 //! with this slope, and it may overshoot.
 //!
 //! Filled values are rounded to the document's 1e-6 grid before they become `f32`, so a command
-//! that is exported and imported again has the same bits.
+//! that is exported and imported again has the same bits, unless a mask hides a joint that follows a visible one.
 
 use super::command::{Command, Span, SpanKind, push_span};
 use super::curve::{hermite, smooth_slope};
 use super::document::{Clip, Fill, Row, Start};
 use super::flaw::Invalid;
-use super::follow::completed;
+use super::follow::Completed;
 use super::grid::round;
 use super::joints::JointTable;
 use super::masks::hide;
@@ -49,8 +50,10 @@ pub fn compile_for(clip: &Clip, table: Option<&JointTable>) -> Result<Command, I
         sorted.insert(clip.clone()).normalize();
     }
     let clip = sorted.as_ref().unwrap_or(clip);
-    let completed = table.map_or_else(Vec::new, |table| completed(clip, table));
-    Ok(Plan::new(clip, solve(clip, table)?, completed).command())
+    let solved = solve(clip, table)?;
+    let complete = |table| Completed::of(clip, &solved.rows, table);
+    let completed = table.map(complete).unwrap_or_default();
+    Ok(Plan::new(clip, solved, completed).command())
 }
 
 struct Plan<'a> {
@@ -58,20 +61,22 @@ struct Plan<'a> {
     dim: usize,
     q: Vec<f64>,        // (frames, dim)
     visible: Vec<bool>, // (frames, dim)
+    /// Which values follow from others; (frames, dim).
+    derived: Vec<bool>,
     spans: Vec<Span>,
     solved: Solved,
-    /// Values of keys with those that follow from them; see [`completed`].
-    completed: Vec<Option<Row>>,
+    completed: Completed,
 }
 
 impl<'a> Plan<'a> {
-    fn new(clip: &'a Clip, solved: Solved, completed: Vec<Option<Row>>) -> Self {
+    fn new(clip: &'a Clip, solved: Solved, completed: Completed) -> Self {
         let cells = clip.length as usize * clip.dim();
         Plan {
             clip,
             dim: clip.dim(),
             q: vec![0.0; cells],
             visible: vec![false; cells],
+            derived: vec![false; cells],
             spans: Vec::new(),
             solved,
             completed,
@@ -86,13 +91,25 @@ impl<'a> Plan<'a> {
         }
     }
 
-    fn set_row(&mut self, from: u32, to: u32, row: &Row) {
+    fn set_row(&mut self, from: u32, to: u32, i: usize, row: &Row) {
         for frame in from..to {
             for (j, value) in row.iter().enumerate() {
                 if let Some(value) = value {
                     self.set(frame, j, *value);
+                    self.derive(frame, j, &[i]);
                 }
             }
+        }
+    }
+
+    /// Notes whether a value between these keys follows from others in one of them.
+    fn derive(&mut self, frame: u32, joint: usize, keys: &[usize]) {
+        let given = |i: &usize| {
+            self.given(*i).is_some_and(|row| row.get(joint).is_some_and(Option::is_some))
+        };
+        let derived = !self.completed.rows.is_empty() && !keys.iter().all(given);
+        if let Some(cell) = self.derived.get_mut(frame as usize * self.dim + joint) {
+            *cell = derived;
         }
     }
 
@@ -106,6 +123,7 @@ impl<'a> Plan<'a> {
         for (frame, values) in std::mem::take(&mut self.solved.frames) {
             for (joint, value) in values {
                 self.set(frame, joint, value);
+                self.derive(frame, joint, &[]);
             }
         }
         let added = offset::total(&clip.offsets, &clip.robot.joints, clip.length);
@@ -114,7 +132,9 @@ impl<'a> Plan<'a> {
                 *q = round(*q + add);
             }
         }
+        let before = self.visible.clone();
         let spans = hide(clip, &mut self.visible, std::mem::take(&mut self.spans));
+        self.completed.hide(&self.derived, &before, &added, &mut self.visible);
         let start = self.start(&added).into_iter().map(|v| v as f32).collect();
         let joints = clip.robot.joints.clone();
         let q = self.q.into_iter().map(|v| v as f32).collect();
@@ -128,14 +148,14 @@ impl<'a> Plan<'a> {
         let Some(row) = self.row(i).cloned() else { return };
         let row = &row;
         let end = clip.hold_end(i);
-        self.set_row(key.frame, end, row);
+        self.set_row(key.frame, end, i, row);
         push_span(&mut self.spans, key.frame, end, SpanKind::Key);
         let next = clip.keys.get(i + 1);
         let until = next.map_or(clip.length, |n| n.frame);
         let kind = match (clip.fill_after(key), next) {
             (Fill::Mask, _) => SpanKind::Open,
             (Fill::Hold, _) | (_, None) => {
-                self.set_row(end, until, row);
+                self.set_row(end, until, i, row);
                 SpanKind::Hold
             }
             (Fill::Linear, Some(_)) => {
@@ -163,6 +183,7 @@ impl<'a> Plan<'a> {
             for frame in end..until {
                 let s = f64::from(frame - last) / width;
                 self.set(frame, j, shape(s, a, b, da, db));
+                self.derive(frame, j, &[i, i + 1]);
             }
         }
     }
@@ -173,10 +194,13 @@ impl<'a> Plan<'a> {
 
     /// The values of key `i`: solved ones, completed ones, or those of the document.
     fn row(&self, i: usize) -> Option<&Row> {
-        let key = self.clip.keys.get(i)?;
-        let found =
-            [&self.solved.rows, &self.completed].into_iter().find_map(|r| r.get(i)?.as_ref());
-        found.or_else(|| self.clip.row(key))
+        self.completed.rows.get(i).and_then(Option::as_ref).or_else(|| self.given(i))
+    }
+
+    /// The values of key `i` without those that follow from others.
+    fn given(&self, i: usize) -> Option<&Row> {
+        let solved = self.solved.rows.get(i).and_then(Option::as_ref);
+        solved.or_else(|| self.clip.row(self.clip.keys.get(i)?))
     }
 
     /// The state before frame 0: `start` if there is one. Otherwise each joint has the value of its

@@ -2,113 +2,164 @@
 //! carries along.
 //!
 //! A goal of one joint then is a goal of the others. Without it these would have a gap there, and the straight line
-//! through their gap would lead them away from where the robot must be.
-
-use std::collections::BTreeSet;
+//! through their gap would lead them away from where the robot must be. A goal that follows from others is hidden
+//! wherever a mask hides one of those, or an offset moves one.
 
 use super::document::{Clip, Row};
 use super::grid::round;
 use super::joints::{CouplingKind, JointTable};
-use robert_kinematics::Kinematics;
+use robert_kinematics::Loops;
 
-/// The work that one clip may take, as iterations times (20 + the number of joints). Keys after that are left as
-/// they are.
-const WORK: usize = 2_000_000;
-/// Iterations as which a key counts beside its own.
-const EACH: usize = 3;
+/// The work that the loops of one clip may take, in multiplications: about a second. In clips with more keys for
+/// some joints only they are left as they are.
+const WORK: usize = 1_000_000_000;
 
-/// The values of the keys in which others follow; `None` for keys that need no more values. Keys are in order.
-pub(super) fn completed(clip: &Clip, table: &JointTable) -> Vec<Option<Row>> {
-    let ties = ties(clip, table);
-    let mut loops = table.kinematics.as_ref().and_then(|tree| Loops::new(clip, table, tree));
-    if ties.is_empty() && loops.is_none() {
-        return Vec::new();
-    }
-    let mut complete = |row: &Row| {
-        let mut new = row.clone();
-        follow(&mut new, &ties);
-        if let Some(loops) = &mut loops {
-            loops.close(&mut new);
-            follow(&mut new, &ties);
-        }
-        (new != *row).then_some(new)
-    };
-    clip.keys.iter().map(|key| complete(clip.row(key)?)).collect()
+/// Values that follow from others.
+#[derive(Debug, Default)]
+pub(super) struct Completed {
+    /// By key, its row with those values; `None` for keys that need none.
+    pub(super) rows: Vec<Option<Row>>,
+    /// For each joint of the clip, the joints that move with it, itself included.
+    groups: Vec<Vec<usize>>,
 }
 
-/// Joints that one value decides: the place in the clip, the offset and the factor of each.
-type Tie = Vec<(usize, f64, f64)>;
+impl Completed {
+    /// The values of the keys of a valid clip, in order. Keys with end-effector goals have the `solved` values.
+    pub(super) fn of(clip: &Clip, solved: &[Option<Row>], table: &JointTable) -> Completed {
+        let ties = ties(clip, table);
+        let loops = table.kinematics.as_ref().map(Loops::new).filter(|loops| !loops.is_empty());
+        if ties.is_empty() && loops.is_none() {
+            return Completed::default();
+        }
+        let row = |i: usize| {
+            let own = || clip.keys.get(i).and_then(|key| clip.row(key));
+            solved.get(i).and_then(Option::as_ref).or_else(own)
+        };
+        let rows: Vec<Option<&Row>> = (0..clip.keys.len()).map(row).collect();
+        let partly = rows.iter().flatten().filter(|row| row.contains(&None)).count();
+        let affordable = |loops: &Loops<'_>| loops.work().saturating_mul(partly) <= WORK;
+        let mut chain = loops.filter(affordable).map(|loops| Chain::new(clip, table, loops));
+        let groups = groups(clip.dim(), &ties, chain.as_ref());
+        let mut complete = |row: &Row| {
+            let mut new = row.clone();
+            follow(&mut new, &ties);
+            if let Some(chain) = &mut chain {
+                chain.close(&mut new);
+                follow(&mut new, &ties);
+            }
+            (new != *row).then_some(new)
+        };
+        Completed { rows: rows.into_iter().map(|row| complete(row?)).collect(), groups }
+    }
+
+    /// Hides goals that follow from others where those are hidden, or where an offset moves one of them. All
+    /// arguments are (frames, joints): which goals follow from others, which were visible before masks, the
+    /// offsets, and which goals are visible.
+    pub(super) fn hide(&self, derived: &[bool], before: &[bool], added: &[f64], seen: &mut [bool]) {
+        let dim = self.groups.len();
+        for at in (0..seen.len()).filter(|at| derived[*at]) {
+            let first = at - at % dim;
+            let group = || self.groups[at % dim].iter().map(|j| first + j);
+            let own = || group().filter(|i| before[*i] && !derived[*i]);
+            let moved = group().any(|i| added.get(i).is_some_and(|add| *add != 0.0));
+            if moved || own().next().is_none() || own().any(|i| !seen[i]) {
+                seen[at] = false;
+            }
+        }
+    }
+}
+
+/// Joints that one value decides.
+struct Tie {
+    /// The place in the clip, the offset and the factor of each.
+    joints: Vec<(usize, f64, f64)>,
+    /// The range of each.
+    ranges: Vec<Option<[f64; 2]>>,
+}
 
 fn ties(clip: &Clip, table: &JointTable) -> Vec<Tie> {
     let place = |name: &String| clip.robot.joints.iter().position(|j| j == name);
     let mimics = table.couplings.iter().filter(|c| c.kind == CouplingKind::Mimic);
     let tie = mimics.map(|c| {
-        c.members
-            .iter()
-            .map(|m| Some((place(&m.joint)?, m.offset, m.coef)))
-            .collect::<Option<Tie>>()
+        let joint = |m: &super::joints::CouplingMember| Some((place(&m.joint)?, m.offset, m.coef));
+        let range = |m: &super::joints::CouplingMember| table.joint(&m.joint)?.range;
+        let joints = c.members.iter().map(joint).collect::<Option<_>>()?;
+        Some(Tie { joints, ranges: c.members.iter().map(range).collect() })
     });
     tie.flatten().collect()
 }
 
+/// Gives a value to joints that move with one that has a value, unless it is beyond their stops.
 fn follow(row: &mut Row, ties: &[Tie]) {
     // A follower may be followed by another joint.
     for _ in 0..ties.len() {
-        for tie in ties {
+        for Tie { joints, ranges } in ties {
             let value = |&(j, offset, coef): &(usize, f64, f64)| {
                 let q = row.get(j).copied().flatten()?;
                 (coef != 0.0).then(|| (q - offset) / coef)
             };
-            let Some(common) = tie.iter().find_map(value) else { continue };
-            for &(j, offset, coef) in tie {
-                if let Some(slot) = row.get_mut(j) {
-                    slot.get_or_insert_with(|| round(offset + coef * common));
+            let Some(common) = joints.iter().find_map(value) else { continue };
+            for (&(j, offset, coef), range) in joints.iter().zip(ranges) {
+                let q = round(offset + coef * common);
+                let fits = range.is_none_or(|[lo, hi]| q >= lo - 1e-6 && q <= hi + 1e-6);
+                if let Some(slot) = row.get_mut(j).filter(|_| fits) {
+                    slot.get_or_insert(q);
                 }
             }
         }
     }
 }
 
-/// The closed loops along a clip.
-struct Loops<'a> {
-    tree: &'a Kinematics,
+/// For each joint of the clip, the joints that move with it.
+fn groups(dim: usize, ties: &[Tie], chain: Option<&Chain<'_>>) -> Vec<Vec<usize>> {
+    let mut name: Vec<usize> = (0..dim).collect();
+    let tied = ties.iter().map(|tie| tie.joints.iter().map(|j| j.0).collect::<Vec<_>>());
+    let closed = chain.into_iter().flat_map(|chain| {
+        let place = |at: &usize| chain.to_state.iter().position(|s| *s == Some(*at));
+        let parts = chain.loops.joints();
+        parts.into_iter().map(move |part| part.iter().filter_map(place).collect::<Vec<_>>())
+    });
+    for part in tied.chain(closed.collect::<Vec<_>>()) {
+        let Some(one) = part.first().map(|&j| name[j]) else { continue };
+        let old: Vec<usize> = part.iter().map(|&j| name[j]).collect();
+        name.iter_mut().filter(|n| old.contains(n)).for_each(|n| *n = one);
+    }
+    let same = |j: usize| (0..dim).filter(|k| name[*k] == name[j]).collect();
+    (0..dim).map(same).collect()
+}
+
+/// The closed loops along the keys of a clip.
+struct Chain<'a> {
+    loops: Loops<'a>,
     /// For each joint of the clip, its joint in the tree of bodies.
     to_state: Vec<Option<usize>>,
     /// The state at the last key; (joints of the tree).
     state: Vec<f64>,
-    /// What is left of [`WORK`].
-    left: usize,
 }
 
-impl<'a> Loops<'a> {
-    fn new(clip: &Clip, table: &JointTable, tree: &'a Kinematics) -> Option<Loops<'a>> {
-        if tree.closures.is_empty() {
-            return None;
-        }
+impl<'a> Chain<'a> {
+    fn new(clip: &Clip, table: &JointTable, loops: Loops<'a>) -> Chain<'a> {
         let index = |name: &String| table.joints.iter().position(|j| &j.name == name);
         let to_state = clip.robot.joints.iter().map(index).collect();
         let mut state = table.rest.clone();
-        state.resize(tree.joints.len(), 0.0);
-        Some(Loops { tree, to_state, state, left: WORK })
+        state.resize(table.joints.len(), 0.0);
+        Chain { loops, to_state, state }
     }
 
     /// Gives values to joints without one whose place the others determine.
     fn close(&mut self, row: &mut Row) {
-        let mut known = BTreeSet::new();
+        let mut known = Vec::new();
         for (at, value) in self.to_state.iter().zip(row.iter()) {
             if let (Some(at), Some(value)) = (at, value) {
                 self.state[*at] = *value;
-                known.insert(*at);
+                known.push(*at);
             }
         }
-        if self.left == 0 || known.is_empty() {
+        known.sort_unstable();
+        if known.len() == self.state.len() {
             return;
         }
-        let known: Vec<usize> = known.into_iter().collect();
-        let found = self.tree.carried(&self.state, &known);
-        let iterations = found.as_ref().map_or(0, |found| found.iterations as usize);
-        self.left = self.left.saturating_sub((iterations + EACH) * (20 + self.tree.joints.len()));
-        let Some(found) = found else { return };
+        let found = self.loops.carried(&self.state, &known);
         for (at, slot) in self.to_state.iter().zip(row.iter_mut()) {
             if let Some(at) = at.filter(|at| found.joints.binary_search(at).is_ok()) {
                 slot.get_or_insert_with(|| round(found.state[at]));
@@ -159,5 +210,25 @@ mod tests {
         assert_eq!(row(20), [Some(0.3), Some(0.6), Some(-0.5), None]);
         let alone = compile_for(&clip, Some(&JointTable::from_clip(&clip))).unwrap();
         assert!(!alone.sees(10, 1));
+        let seen = |clip: &Clip, table: &JointTable, f: u32| -> Vec<bool> {
+            let command = compile_for(clip, Some(table)).unwrap();
+            (0..4).map(|j| command.sees(f, j)).collect()
+        };
+        // A mask of what was keyed hides what follows, and an offset leaves it open.
+        let mut masked = clip.clone();
+        masked.masks = vec![crate::Mask { from: 10, to: 11, joints: Some(vec!["jaw".into()]) }];
+        assert_eq!(seen(&masked, &table, 10), [false; 4]);
+        let mut moved = clip.clone();
+        moved.offsets = vec![crate::Offset {
+            frame: 10,
+            add: [("jaw".to_owned(), 0.1)].into(),
+            fade_in: 0,
+            hold: 1,
+            fade_out: 0,
+        }];
+        assert_eq!(seen(&moved, &table, 10), [true, false, false, false]);
+        // Stops are kept.
+        table.joints[1].range = Some([-0.3, 0.3]);
+        assert_eq!(seen(&clip, &table, 10), [true, false, false, false]);
     }
 }

@@ -22,7 +22,7 @@ pub struct Operation {
 pub struct Argument {
     /// Its name.
     pub name: String,
-    /// Its type in words, for instance `whole numbers`.
+    /// Its type in words, for instance `list: whole number`.
     pub kind: String,
     /// What it is.
     pub about: String,
@@ -87,8 +87,7 @@ impl<'a> Parts<'a> {
     fn kind(&self, schema: &Value) -> String {
         if let Some(name) = name_of(schema) {
             let part = &self.parts[name];
-            let words: Vec<_> = words_of(part).into_iter().map(|w| format!("`{w}`")).collect();
-            return match &words[..] {
+            return match &words_of(part)[..] {
                 [] if name == "#" => "operation".to_owned(),
                 [] => format!("{} as in a clip", name.to_lowercase()),
                 words => words.join(", "),
@@ -112,7 +111,7 @@ impl<'a> Parts<'a> {
             }
             "integer" => "whole number".to_owned(),
             "string" => "text".to_owned(),
-            "boolean" => "`true` or `false`".to_owned(),
+            "boolean" => "true or false".to_owned(),
             other => other.to_owned(),
         };
         // In a list `null` stands for a joint without a value; elsewhere a member is absent.
@@ -177,11 +176,11 @@ mod tests {
                 ("factor", "number", true),
                 ("frames", "list: whole number", true),
                 ("pivot", whole, true),
-                ("replace", "`true` or `false`", false)
+                ("replace", "true or false", false)
             ]
         );
         assert!(args("keys.set").contains(&("q", "list: number or null", false)));
-        let fill = "`mask`, `linear`, `cubic`, `hold` or null";
+        let fill = "mask, linear, cubic, hold or null";
         assert!(args("fill.set").contains(&("fill", fill, false)));
         assert_eq!(args("batch")[0], ("ops", "list: operation", true));
         assert!(args("blocks.insert").contains(&("blend", whole, false)));

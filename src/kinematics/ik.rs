@@ -19,6 +19,7 @@
 
 use nalgebra::{DMatrix, DVector, Isometry3, Quaternion, UnitQuaternion, Vector3};
 
+use super::loops::Loops;
 use super::place::{PointId, UnknownPoint, World};
 use super::tree::{Anchor, Closure, Follow, JointMotion, Kinematics, Point, Share};
 
@@ -91,14 +92,14 @@ pub struct IkResult {
     pub distance_m: f64,
     /// Greatest orientation error, rad; 0 if no orientation was requested.
     pub angle_rad: f64,
-    /// Whether every target was reached.
+    /// Whether every target was reached, with closed loops.
     pub reached: bool,
     /// Iterations used.
     pub iterations: u32,
 }
 
 /// A target with its points looked up.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Pull {
     id: PointId,
     goal: Goal,
@@ -108,7 +109,7 @@ pub(super) struct Pull {
     weight: f64,
 }
 
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 enum Goal {
     /// A place in the world.
     Place(Isometry3<f64>),
@@ -117,8 +118,8 @@ enum Goal {
 }
 
 impl Kinematics {
-    /// Joints that move one of these points, or that move along where loops are closed, and that may move
-    /// themselves; sorted state indices.
+    /// Joints that move one of these points, and those that move along with them: where loops are closed, on one
+    /// tendon, or because they follow. Sorted state indices.
     ///
     /// # Errors
     /// [`UnknownPoint`].
@@ -127,7 +128,12 @@ impl Kinematics {
         let free = self.free_joints(&IkConfig::default());
         let moves = |i: &usize| ids.iter().any(|id| self.reaches(*i, id));
         let own = free.iter().copied().filter(moves).collect();
-        Ok(self.along(own, &free).0)
+        let mut movers = Loops::new(self).along(own, &free).0;
+        let led = |i: &usize| self.led(*i).is_some_and(|f| movers.binary_search(&f.leader).is_ok());
+        let followers: Vec<usize> = (0..self.joints.len()).filter(led).collect();
+        movers.extend(followers);
+        movers.sort_unstable();
+        Ok(movers)
     }
 
     /// Moves joints so that the targets are met as well as limits and locks allow. The search
@@ -171,11 +177,14 @@ impl Kinematics {
         self.follow(&mut state, &may);
         let moves = |i: &usize| pulls.iter().any(|p| p.points().any(|id| self.reaches(*i, id)));
         let own = may.iter().copied().filter(moves).collect();
-        let (free, closures) = self.along(own, &may);
+        let (free, closures) = Loops::new(self).along(own, &may);
+        let pulled =
+            |tendon: &&Vec<Share>| tendon.iter().any(|s| free.binary_search(&s.joint).is_ok());
+        let tendons: Vec<Vec<Share>> = self.tendons.iter().filter(pulled).cloned().collect();
         let wanted = pulls.len();
         pulls.extend(&closures);
         let mut search = Search::new(self, &pulls, free, config);
-        search.tendons = &self.tendons;
+        search.tendons = &tendons;
         let mut used = 0;
         if let Some(near) = &config.near {
             search.near = Some(near);
@@ -213,28 +222,6 @@ impl Kinematics {
         Ok(Pull { id, goal: Goal::Place(goal), turns, weight: 1.0 })
     }
 
-    /// These joints and those of `may` that move along with them because of closed loops, sorted; and the loops.
-    pub(super) fn along(&self, mut joints: Vec<usize>, may: &[usize]) -> (Vec<usize>, Vec<Pull>) {
-        let mut open: Vec<Pull> = self.closures.iter().map(Pull::closing).collect();
-        let mut closures = Vec::new();
-        loop {
-            let moved = |p: &Pull| joints.iter().any(|&i| self.opens(i, p));
-            let Some(at) = open.iter().position(moved) else { break };
-            let closure = open.swap_remove(at);
-            joints.extend(may.iter().filter(|i| self.opens(**i, &closure)));
-            closures.push(closure);
-        }
-        joints.sort_unstable();
-        joints.dedup();
-        (joints, closures)
-    }
-
-    /// Whether a joint moves only one of the points of a loop, or both against each other.
-    fn opens(&self, joint: usize, closure: &Pull) -> bool {
-        let one = |i: usize| closure.points().filter(|id| self.moves(i, id)).count() == 1;
-        self.columns(joint).any(|(i, _)| one(i))
-    }
-
     pub(super) fn free_joints(&self, config: &IkConfig) -> Vec<usize> {
         let mut free: Vec<usize> = match &config.joints {
             Some(list) => list.clone(),
@@ -256,7 +243,7 @@ impl Kinematics {
     }
 
     /// How a follower depends on a joint that follows none: through its leader, or through the leaders of that.
-    fn led(&self, joint: usize) -> Option<Follow> {
+    pub(super) fn led(&self, joint: usize) -> Option<Follow> {
         let mut all = self.joints[joint].follows?;
         // A chain is at most as long as the robot.
         for _ in 0..self.joints.len() {
@@ -532,16 +519,16 @@ impl<'a> Search<'a> {
 
 impl Pull {
     /// What keeps a loop closed.
-    fn closing(closure: &Closure) -> Pull {
+    pub(super) fn closing(closure: &Closure) -> Pull {
         let [a, b] = closure.ends.each_ref().map(Anchor::id);
         Pull { id: a, goal: Goal::Point(b), turns: closure.turns, weight: CLOSURE_WEIGHT }
     }
 
-    fn rows(&self) -> usize {
+    pub(super) fn rows(&self) -> usize {
         if self.turns { 6 } else { 3 }
     }
 
-    fn points(&self) -> impl Iterator<Item = &PointId> {
+    pub(super) fn points(&self) -> impl Iterator<Item = &PointId> {
         let other = match &self.goal {
             Goal::Point(other) => Some(other),
             Goal::Place(_) => None,

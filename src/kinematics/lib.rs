@@ -7,13 +7,13 @@
 //!
 //! `robert-robot` fills the tree from a model, and its tests compare all places with MuJoCo's.
 
-mod carried;
 mod ik;
+mod loops;
 mod place;
 mod tree;
 
-pub use carried::Carried;
 pub use ik::{IkConfig, IkResult, Target};
+pub use loops::{Carried, Loops};
 pub use place::{Place, PointId, UnknownPoint, shortest_turn};
 pub use tree::{
     Anchor, Closure, Follow, JointAxis, JointMotion, Kinematics, LinkFrame, Point, Share, SiteFrame,

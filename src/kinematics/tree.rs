@@ -15,7 +15,8 @@ pub struct Kinematics {
     /// Where bodies are held together, so that the tree has closed loops.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub closures: Vec<Closure>,
-    /// Joints that one tendon pulls: q / factor is the same for all of them, unless contact sets them apart.
+    /// Joints that one tendon pulls. As far as inverse kinematics is concerned q / factor is the same for all of
+    /// them, as if they were equally stiff; contact may set them apart.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub tendons: Vec<Vec<Share>>,
 }

@@ -75,7 +75,9 @@ fn closure(model: &Model, eq: usize) -> Option<Closure> {
         Anchor { link: body(model.eq_obj1id()), pos: first, quat: turn },
         Anchor { link: body(model.eq_obj2id()), pos: second, quat: upright },
     ];
-    (model.eq_active()[eq] != 0).then_some(Closure { ends, turns: kind == WELD })
+    // The last number of a weld weighs its torques against its forces; without any it is a point.
+    let turns = kind == WELD && data[10] != 0.0;
+    (model.eq_active()[eq] != 0).then_some(Closure { ends, turns })
 }
 
 /// The joints of a tendon.

@@ -11,6 +11,7 @@ use std::ops::Range;
 use super::gaps::{self, Unnatural};
 use super::jam;
 use super::judge::{Judge, commanded};
+use super::parts::counted;
 use super::run::Rollout;
 use super::window::{Goals, HISTORY};
 use robert_base::rng::{Rng, Stream};
@@ -52,7 +53,7 @@ pub(super) struct Detours {
     shift: Vec<f64>,
     /// Its states, 30 of history first; (30 + frames, S).
     states: Vec<f64>,
-    /// The frames that count. Those after them are as they were, or not simulated yet.
+    /// The frames whose goals move. Those after them are as they were, or not simulated yet.
     part: Range<usize>,
     /// The penalty of its gaps up to the end of the part, rad or m.
     gaps: f64,
@@ -178,7 +179,7 @@ impl Detours {
         let mut whole = self.states.clone();
         whole[..trial.states().len()].copy_from_slice(trial.states());
         let gaps = gaps::counted(gaps::penalty(goals, &whole)) - self.gaps;
-        one.worse + gaps * commanded(goals, &self.part) < 0.0
+        one.worse + gaps * commanded(goals, &counted(&self.part)) < 0.0
     }
 
     /// Whether there is nothing to try: every joint arrives and moves naturally.

@@ -2,11 +2,11 @@
 //!
 //! Whatever moves a goal of a long clip may change every contact after it a little, and somewhere in the
 //! rest of a minute an error grows. Judged by the whole clip, a way around an obstacle is then refused. A part
-//! is judged by itself, and the parts after it begin where it ends.
+//! is judged by itself and the second before it, and the parts after it begin where it ends.
 
 use std::ops::Range;
 
-use super::window::Goals;
+use super::window::{COMMAND, Goals};
 
 /// The longest clip that is one part, in frames (20 s), and the longest part.
 const WHOLE: usize = 400;
@@ -26,6 +26,11 @@ pub(super) fn parts(goals: &Goals) -> Vec<Range<usize>> {
     }
     found.push(from..goals.frames());
     found
+}
+
+/// The frames whose errors count in a part: those, and the ones before them at which a policy sees their goals.
+pub(super) fn counted(part: &Range<usize>) -> Range<usize> {
+    part.start.saturating_sub(COMMAND).max(1)..part.end
 }
 
 /// The number of frames from `from` on and before `f` with the same goals as at `f`, of the joints that have one.

@@ -12,9 +12,8 @@ use super::error::Error;
 use super::gaps::{unnatural, unnatural_until};
 use super::jam::Off;
 use super::judge::Judge;
-use super::parts::parts;
+use super::parts::{counted, parts};
 use super::run::Rollout;
-use super::window::COMMAND;
 
 /// The number of checks of a part.
 const CHECKS: usize = 4;
@@ -83,7 +82,7 @@ impl Part {
     /// Searches a part of a motion; `None` if there is nothing to improve.
     fn new(motion: &Rollout, judge: &Judge, frames: Range<usize>, budget: usize) -> Option<Part> {
         let detours = Detours::new(motion, judge, frames.clone());
-        let counted = frames.start.saturating_sub(COMMAND).max(1)..frames.end;
+        let counted = counted(&frames);
         let limit = judge.limit(motion, &counted);
         let least = judge.score_part(motion, &counted, f64::INFINITY)?;
         let gaps = unnatural_until(motion, frames.end);
@@ -189,7 +188,7 @@ impl Search {
         self.frames
     }
 
-    /// Frames that are still to be simulated, at most.
+    /// Frames that tries may still simulate.
     pub(super) fn frames_left(&self) -> usize {
         let all: usize = self.parts.iter().map(|(_, budget)| budget).sum();
         let done = self.part.as_ref().map_or(0, |part| self.parts[0].1.saturating_sub(part.budget));
@@ -220,9 +219,13 @@ impl Search {
         score.filter(|_| unnatural(&self.motion) <= gaps)?;
         self.keep();
         let Some(mut copy) = self.spare.pop() else {
-            unreachable!("two are left beside the tries")
+            unreachable!("some are left beside the tries")
         };
-        copy.copy(&self.motion).ok().map(|()| copy)
+        if copy.copy(&self.motion).is_err() {
+            self.spare.push(copy);
+            return None;
+        }
+        Some(copy)
     }
 
     /// Whether the judge refuses a motion as a whole, as far as it is known.
@@ -232,8 +235,12 @@ impl Search {
 
     /// Remembers the motion.
     fn keep(&mut self) {
-        let mut copy = self.kept.take().or_else(|| self.spare.pop());
-        self.kept = copy.take_if(|copy| copy.copy(&self.motion).is_ok());
+        let Some(mut copy) = self.kept.take().or_else(|| self.spare.pop()) else { return };
+        if copy.copy(&self.motion).is_ok() {
+            self.kept = Some(copy);
+        } else {
+            self.spare.push(copy);
+        }
     }
 
     /// Returns to the motion that was kept; false if there is none.

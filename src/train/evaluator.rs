@@ -16,7 +16,8 @@ use robert_net::forward::Forwards;
 use robert_net::{Model, NetPolicyConfig};
 use robert_robot::Robot;
 use robert_rollout::{
-    Learned, Linear, Policy, Rollout, RolloutConfig, Start, extracted_cases, tasks, test_suites,
+    ClipFacts as _, Learned, Linear, Policy, Rollout, RolloutConfig, Start, extracted_cases, tasks,
+    test_suites,
 };
 
 /// Suites that count for the selection; the others are for the report.
@@ -43,8 +44,8 @@ struct Case {
 }
 
 impl Case {
-    fn new(suite: &str, name: &str, clip: &clip::Clip) -> Result<Case, String> {
-        let command = clip::compile(clip).map_err(|e| format!("{name}: {e}"))?;
+    fn new(robot: &Robot, suite: &str, name: &str, clip: &clip::Clip) -> Result<Case, String> {
+        let command = robot.compile(clip).map_err(|e| format!("{name}: {e}"))?;
         let (suite, name) = (suite.to_owned(), name.to_owned());
         Ok(Case { suite, name, command, start: Start::Pose })
     }
@@ -70,13 +71,13 @@ impl SuiteEvaluator {
                 Err(e) => return Err(e.to_string()),
             };
             for (name, clip) in clips {
-                cases.push(Case::new(suite, &name, &clip)?);
+                cases.push(Case::new(&robot, suite, &name, &clip)?);
             }
         }
         if cases.is_empty() {
             // A robot without its own tasks is evaluated on trial clips.
             for task in tasks::trial(&robot, 0).map_err(|e| e.to_string())? {
-                cases.push(Case::new(task.suite, task.name, &task.clip)?);
+                cases.push(Case::new(&robot, task.suite, task.name, &task.clip)?);
             }
         }
         let select = Select::Tasks;

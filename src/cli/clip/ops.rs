@@ -33,8 +33,7 @@ pub(super) fn run(args: &Ops) -> Outcome {
     if args.json {
         return out::json(&found);
     }
-    let text = found.into_iter().map(page).collect::<Vec<_>>().join("\n\n");
-    out::line(&text.replace('`', ""))
+    out::line(&found.into_iter().map(page).collect::<Vec<_>>().join("\n\n"))
 }
 
 /// An operation and a line for each of its arguments.

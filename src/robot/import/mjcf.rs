@@ -335,7 +335,8 @@ fn names(doc: &Document<'_>, draft: &mut Draft, edits: &mut Edits) {
 }
 
 /// Replaces free joints of bodies that close a loop, and removes the others if this was requested;
-/// otherwise those are an error. Slides and hinges on which a body floats are removed likewise, or a warning. Returns whether the number of coordinates changed.
+/// otherwise those are an error. Slides and hinges on which a body floats are removed likewise, or warned
+/// about. Returns whether the number of coordinates changed.
 fn free_base(
     doc: &Document<'_>,
     path: &std::path::Path,
@@ -363,8 +364,8 @@ fn free_base(
             draft.changed.push(format!("\"{name}\" no longer floats: held where it is"));
         } else {
             draft.warnings.push(format!(
-                "\"{name}\" floats on three slides and three hinges without motors, so the robot falls; \
-                 --fixed-base holds it still"
+                "\"{name}\" floats on three slides and three hinges without motors, so it falls; --fixed-base \
+                 holds it still"
             ));
         }
     }

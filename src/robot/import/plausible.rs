@@ -48,7 +48,9 @@ pub(super) fn check(draft: &mut Draft, model: &Arc<Model>) -> Result<(), Error> 
                 .to_owned(),
         );
     }
-    let far = (1..model.nbody()).map(|b| (b, length(&model.body_pos()[3 * b..3 * b + 3])));
+    let inside = |b: &usize| model.body_parentid()[*b] != 0;
+    let far =
+        (1..model.nbody()).filter(inside).map(|b| (b, length(&model.body_pos()[3 * b..3 * b + 3])));
     if let Some((body, m)) = far.filter(|(_, m)| *m > FAR).max_by(|a, b| a.1.total_cmp(&b.1)) {
         let name = model.name(Kind::Body, body).unwrap_or_default();
         draft.warnings.push(format!(
