@@ -94,6 +94,20 @@ fn the_motors_of_a_loop_take_its_end_effector_there() {
 }
 
 #[test]
+fn a_tendon_pulls_along_what_the_goal_does_not_need() {
+    let gripper = r#"<mujoco><compiler angle="radian" autolimits="true"/><default><geom contype="0" conaffinity="0"/></default><worldbody>
+      <body name="left" pos="0 .1 .5"><joint name="left" type="slide" axis="0 -1 0" range="0 .08" damping="5"/><geom size=".02" mass=".2"/>
+        <site name="pad"/></body>
+      <body pos="0 -.1 .5"><joint name="right" type="slide" axis="0 1 0" range="0 .08" damping="5"/><geom size=".02" mass=".2"/></body></worldbody>
+      <tendon><fixed name="both"><joint joint="left" coef=".5"/><joint joint="right" coef=".5"/></fixed></tendon>
+      <actuator><motor tendon="both" ctrlrange="-20 20"/></actuator></mujoco>"#;
+    let (_, bot) = import("gripper.xml", gripper);
+    let target = Target { point: Point::Site("pad".into()), pos: [0.0, 0.07, 0.5], quat: None };
+    let found = bot.kinematics().ik(&[0.0; 2], &[target], &IkConfig::default()).unwrap();
+    assert!(found.reached && found.state.iter().all(|q| (q - 0.03).abs() < 1e-3), "{found:?}");
+}
+
+#[test]
 fn a_key_for_the_motors_of_a_loop_is_one_for_what_they_carry() {
     let (ran, bot) = import("linkage.xml", &linkage());
     let home = bot.home();

@@ -12,7 +12,7 @@ use robert_kinematics::Loops;
 
 /// The work that the loops of one clip may take, in multiplications: about a second. In clips with more keys for
 /// some joints only they are left as they are.
-const WORK: usize = 1_000_000_000;
+const WORK: usize = 300_000_000;
 
 /// Values that follow from others.
 #[derive(Debug, Default)]

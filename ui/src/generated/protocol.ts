@@ -1096,7 +1096,10 @@ export interface Kinematics {
   links: LinkFrame[];
   /** Named points of bodies. */
   sites: SiteFrame[];
-  /** Joints that one tendon pulls: q / factor is the same for all of them, unless contact sets them apart. */
+  /**
+   * Joints that one tendon pulls. As far as inverse kinematics is concerned q / factor is the same for all of
+   * them, as if they were equally stiff; contact may set them apart.
+   */
   tendons?: Share[][];
 }
 
