@@ -10,11 +10,13 @@
 mod ik;
 mod loops;
 mod place;
+mod search;
 mod tree;
 
-pub use ik::{IkConfig, IkResult, Target};
+pub use ik::{IkResult, Target};
 pub use loops::{Carried, Loops};
 pub use place::{Place, PointId, UnknownPoint, shortest_turn};
+pub use search::IkConfig;
 pub use tree::{
     Anchor, Closure, Follow, JointAxis, JointMotion, Kinematics, LinkFrame, Point, Share, SiteFrame,
 };

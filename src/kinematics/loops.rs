@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use nalgebra::DMatrix;
 
-use super::ik::{IkConfig, Pull, Search};
 use super::place::PointId;
+use super::search::{IkConfig, Pull, Search};
 use super::tree::Kinematics;
 
 /// The smallest singular value of a loop's Jacobian, relative to the largest, that ties joints together.
