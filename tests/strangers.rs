@@ -80,11 +80,7 @@ fn the_motors_of_a_loop_take_its_end_effector_there() {
     let mut clip = Clip::new(bot.clip_ref(), 60);
     let goal = Reach { point: tool, pos: to(0.03, 0.02), quat: None };
     clip.keys = vec![Key { hold: 30, reach: vec![goal], ..Key::with(30, Goal::Open) }];
-    clip.save(&ran.dir.path().join("reach.clip.json")).unwrap();
-    let args = ["rollout", "reach.clip.json", "--robot", "bot", "--policy", "auto", "--json"];
-    let (code, stdout, stderr) = call(ran.dir.path(), &args);
-    assert_eq!(code, 0, "{stderr}");
-    let report: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+    let report = rollout(ran.dir.path(), &clip, "auto");
     assert!(report["precision"].as_f64().unwrap() < 5e-3, "{report}");
     let arrival = &report["arrivals"][0];
     assert_eq!((&arrival["frames"], &arrival["point"]), (&[30, 60].into(), &"tool".into()));
@@ -124,11 +120,7 @@ fn a_key_for_the_motors_of_a_loop_is_one_for_what_they_carry() {
     let seen = |f: u32| (0..home.len()).filter(|j| command.sees(f, *j)).collect::<Vec<_>>();
     assert!(seen(30).len() == home.len() - 1 && !command.sees(30, apart), "{:?}", seen(30));
     assert_eq!(seen(20), [0_usize; 0]);
-    clip.save(&ran.dir.path().join("motors.clip.json")).unwrap();
-    let args = ["rollout", "motors.clip.json", "--robot", "bot", "--policy", "auto", "--json"];
-    let (code, stdout, stderr) = call(ran.dir.path(), &args);
-    assert_eq!(code, 0, "{stderr}");
-    let report: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+    let report = rollout(ran.dir.path(), &clip, "auto");
     assert!(report["precision"].as_f64().unwrap() < 2e-3, "{report}");
 }
 
@@ -136,12 +128,16 @@ fn a_key_for_the_motors_of_a_loop_is_one_for_what_they_carry() {
 fn precision(dir: &Path, bot: &Robot, keys: &[(u32, &[f64])], policy: &str) -> f64 {
     let mut clip = Clip::new(bot.clip_ref(), keys.last().unwrap().0 + 11);
     clip.keys = keys.iter().map(|(frame, q)| Key { hold: 10, ..Key::new(*frame, q) }).collect();
+    rollout(dir, &clip, policy)["precision"].as_f64().unwrap()
+}
+
+/// Performs a clip, and returns the report.
+fn rollout(dir: &Path, clip: &Clip, policy: &str) -> serde_json::Value {
     clip.save(&dir.join("typed.clip.json")).unwrap();
     let args = ["rollout", "typed.clip.json", "--robot", "bot", "--policy", policy, "--json"];
     let (code, stdout, stderr) = call(dir, &args);
     assert_eq!(code, 0, "{stderr}");
-    let report: serde_json::Value = serde_json::from_str(&stdout).unwrap();
-    report["precision"].as_f64().unwrap()
+    serde_json::from_str(&stdout).unwrap()
 }
 
 const WRIST: &str = r#"<mujoco><compiler angle="radian"/><worldbody><body pos="0 0 .5">
