@@ -132,9 +132,12 @@ impl<'a> Plan<'a> {
                 *q = round(*q + add);
             }
         }
-        let before = self.visible.clone();
+        let follows = !self.completed.rows.is_empty();
+        let before = if follows { self.visible.clone() } else { Vec::new() };
         let spans = hide(clip, &mut self.visible, std::mem::take(&mut self.spans));
-        self.completed.hide(&self.derived, &before, &added, &mut self.visible);
+        if follows {
+            self.completed.hide(&self.derived, &before, &added, &mut self.visible);
+        }
         let start = self.start(&added).into_iter().map(|v| v as f32).collect();
         let joints = clip.robot.joints.clone();
         let q = self.q.into_iter().map(|v| v as f32).collect();
@@ -192,7 +195,7 @@ impl<'a> Plan<'a> {
         self.row(i)?.get(joint).copied().flatten()
     }
 
-    /// The values of key `i`: solved ones, completed ones, or those of the document.
+    /// The values of key `i` with those that follow from others.
     fn row(&self, i: usize) -> Option<&Row> {
         self.completed.rows.get(i).and_then(Option::as_ref).or_else(|| self.given(i))
     }
