@@ -427,9 +427,13 @@ fn options_of_a_network_are_refused_elsewhere() {
     };
     assert!(eval("pd+ensemble=3").fails(2).stderr.contains("robert"));
     assert!(eval("robert:x+ensemble=40").fails(2).stderr.contains("1 to 21"));
+    assert!(eval("robert:x+ahead=0+guide").fails(2).stderr.contains("ahead takes 1 to 20"));
+    assert!(eval("pd+ahead=2").fails(2).stderr.contains("only for robert"));
     assert!(eval("pd+sampel").fails(2).stderr.contains("+sample"));
     assert!(eval("robert:x+foo").fails(2).stderr.contains("+sample"));
-    assert!(eval("robert:x+sample+ensemble=3+guide").fails(3).stderr.contains("no model x"));
+    assert!(
+        eval("robert:x+sample+ahead=2+ensemble=3+guide").fails(3).stderr.contains("no model x")
+    );
 }
 
 /// A run of a tiny network, with this environment.

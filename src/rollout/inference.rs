@@ -12,6 +12,10 @@ pub struct Inference {
     pub sample: bool,
     /// Leave masked frames to the network, even if its file contains data to fill gaps.
     pub masks: bool,
+    /// Show a single goal of each window: the one this many frames ahead, 1 to 20, or the next visible one, or the
+    /// last. 0 shows all. The paper's curriculum ends with one visible frame a window, and a network that saw
+    /// no others for long acts worse on the many goals of a dense command.
+    pub ahead: usize,
     /// Scale the linear prediction by the ratio of applied to predicted actions in the past; for
     /// `ridge`.
     pub gain: bool,
@@ -21,6 +25,13 @@ pub struct Inference {
 
 impl Default for Inference {
     fn default() -> Self {
-        Inference { ensemble: 1, sample: false, masks: false, gain: false, threads: Threads::One }
+        Inference {
+            ensemble: 1,
+            sample: false,
+            masks: false,
+            ahead: 0,
+            gain: false,
+            threads: Threads::One,
+        }
     }
 }

@@ -11,8 +11,8 @@ use super::window::Window;
 use robert_net::forward::Forwards;
 use robert_net::reach::Reach;
 use robert_net::{
-    self as net, ActionHistory, CURRENT, Encoder, HISTORY, MaskGranularity, Model, RobotCard,
-    WINDOW, checkpoint,
+    self as net, ActionHistory, COMMAND, CURRENT, Encoder, HISTORY, MaskGranularity, Model,
+    RobotCard, WINDOW, checkpoint,
 };
 use robert_robot::Robot;
 
@@ -69,6 +69,8 @@ struct Frames {
     reachable: Option<Arc<Reachable>>,
     /// Whether masked frames are left to the network.
     masks: bool,
+    /// See [`super::inference::Inference::ahead`].
+    ahead: usize,
     q: Vec<f32>,        // (51, S)
     visible: Vec<bool>, // (51, S)
 }
@@ -78,7 +80,8 @@ impl Frames {
         let n = WINDOW * encoder.tokens.state();
         let granularity = encoder.tokens.config().granularity;
         let reachable = reach.map(|r| Arc::new(Reachable::new(r)));
-        Frames { granularity, reachable, masks: false, q: vec![0.0; n], visible: vec![true; n] }
+        let (q, visible) = (vec![0.0; n], vec![true; n]);
+        Frames { granularity, reachable, masks: false, ahead: 0, q, visible }
     }
 
     fn fill(&mut self, window: &Window) {
@@ -102,6 +105,20 @@ impl Frames {
             reachable.project(&mut window);
         }
         put(&window);
+        if self.ahead > 0 {
+            show_one(&mut self.visible[(CURRENT + 1) * s..], s, self.ahead - 1);
+        }
+    }
+}
+
+/// Hides all goals of each joint but one: the first visible one from frame `from` on, or else the last before it.
+fn show_one(visible: &mut [bool], joints: usize, from: usize) {
+    for j in 0..joints {
+        let seen = |i: &usize| visible[i * joints + j];
+        let one = (from..COMMAND).find(seen).or_else(|| (0..from).rev().find(seen));
+        for i in (0..COMMAND).filter(|i| Some(*i) != one) {
+            visible[i * joints + j] = false;
+        }
     }
 }
 
@@ -137,6 +154,13 @@ impl Learned {
     #[must_use]
     pub fn with_masks(mut self, masks: bool) -> Self {
         self.frames.masks = masks;
+        self
+    }
+
+    /// Shows the network a single goal of each window; see [`super::inference::Inference::ahead`].
+    #[must_use]
+    pub fn with_ahead(mut self, ahead: usize) -> Self {
+        self.frames.ahead = ahead;
         self
     }
 }
@@ -400,6 +424,26 @@ mod tests {
             assert!(a.iter().any(|x| x.abs() > 0.01), "it does something");
             assert!(a.iter().zip(&b).all(|(a, b)| (a - b).abs() < 1e-6));
         }
+    }
+
+    #[test]
+    fn one_goal_of_a_window_is_shown() {
+        let shown = |goals: &[usize], ahead: usize| -> Vec<usize> {
+            // The second joint has its only goal in the last frame.
+            let of = |i: usize| [goals.contains(&(i + 1)), i + 1 == COMMAND];
+            let mut visible: Vec<bool> = (0..COMMAND).flat_map(of).collect();
+            show_one(&mut visible, 2, ahead - 1);
+            let second: Vec<bool> = visible.iter().skip(1).step_by(2).copied().collect();
+            assert_eq!(second.iter().position(|v| *v), Some(COMMAND - 1));
+            let first = visible.iter().step_by(2).enumerate();
+            first.filter_map(|(i, v)| v.then_some(i + 1)).collect()
+        };
+        let all: Vec<usize> = (1..=COMMAND).collect();
+        assert_eq!(shown(&all, 2), [2]);
+        assert_eq!(shown(&all, COMMAND), [COMMAND]);
+        assert_eq!(shown(&[1, 7, 9], 2), [7]);
+        assert_eq!(shown(&[1, 3], 5), [3]);
+        assert!(shown(&[], 5).is_empty());
     }
 
     #[test]

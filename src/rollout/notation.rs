@@ -13,7 +13,16 @@ use crate::window::COMMAND;
 /// The number of windows that contain a frame: as the current frame, and as each command frame.
 const WINDOWS: usize = COMMAND + 1;
 
-const OPTIONS: &str = "+guide, +smooth, +refine, +ilc, +sample, +masks, +gain or +ensemble=N";
+const OPTIONS: &str =
+    "+guide, +smooth, +refine, +ilc, +sample, +masks, +gain, +ahead=N or +ensemble=N";
+
+/// The last option with a number: what is before it, its name and its value.
+fn number(text: &str) -> Option<(&str, &str, &str)> {
+    let (before, value) = text.rsplit_once('=')?;
+    ["ahead", "ensemble"]
+        .into_iter()
+        .find_map(|option| Some((before.strip_suffix(option)?.strip_suffix('+')?, option, value)))
+}
 
 /// Reads `pd`, `pd+guide`, `zero+guide+refine`, `robert:runs/a+ensemble=3+sample+guide`.
 impl FromStr for PolicyConfig {
@@ -39,10 +48,14 @@ impl FromStr for PolicyConfig {
                 (rest, inference.masks) = (shorter, true);
             } else if let Some(shorter) = rest.strip_suffix("+gain") {
                 (rest, inference.gain) = (shorter, true);
-            } else if let Some((shorter, n)) = rest.rsplit_once("+ensemble=") {
-                let n = n.parse().ok().filter(|n| (1..=WINDOWS).contains(n));
-                let n = n.ok_or_else(|| wrong(format!("ensemble takes 1 to {WINDOWS}")))?;
-                (rest, inference.ensemble) = (shorter, n);
+            } else if let Some((shorter, option, n)) = number(rest) {
+                let (slot, most) = match option {
+                    "ahead" => (&mut inference.ahead, COMMAND),
+                    _ => (&mut inference.ensemble, WINDOWS),
+                };
+                let n = n.parse().ok().filter(|n| (1..=most).contains(n));
+                *slot = n.ok_or_else(|| wrong(format!("{option} takes 1 to {most}")))?;
+                rest = shorter;
             } else {
                 break;
             }
@@ -65,7 +78,9 @@ impl FromStr for PolicyConfig {
         }
         let own = Inference { gain: false, ..inference };
         if own != Inference::default() && name != PolicyName::Robert {
-            return Err(wrong("+sample, +masks and +ensemble=N are only for robert".to_owned()));
+            return Err(wrong(
+                "+sample, +masks, +ahead=N and +ensemble=N are only for robert".to_owned(),
+            ));
         }
         let model_path = model.map(Into::into);
         Ok(PolicyConfig { guide, refine, ilc, model_path, inference, ..PolicyConfig::new(name) })

@@ -127,13 +127,15 @@ impl PolicyConfig {
         let guide = self.guide.suffix();
         let ilc = if self.ilc { "+ilc" } else { "" };
         let refine = if self.refine { "+refine" } else { "" };
-        let Inference { ensemble, sample, masks, gain, .. } = self.inference;
+        let Inference { ensemble, sample, masks, ahead, gain, .. } = self.inference;
         let sample = if sample { "+sample" } else { "" };
         let masks = if masks { "+masks" } else { "" };
         let gain = if gain { "+gain" } else { "" };
         let ensemble = if ensemble > 1 { format!("+ensemble={ensemble}") } else { String::new() };
+        let ahead = if ahead > 0 { format!("+ahead={ahead}") } else { String::new() };
         let model = model.map(|m| format!(":{m}")).unwrap_or_default();
-        format!("{}{model}{sample}{masks}{gain}{ensemble}{guide}{refine}{ilc}", self.name.as_str())
+        let of_network = format!("{sample}{masks}{gain}{ahead}{ensemble}");
+        format!("{}{model}{of_network}{guide}{refine}{ilc}", self.name.as_str())
     }
 
     /// The policy of a robot where one must do, without the trials of `auto`: the one that its folder
@@ -262,14 +264,14 @@ impl PolicyConfig {
             }
             PolicyName::Robert => {
                 let model = Arc::unwrap_or_clone(self.model(robot)?);
-                let Inference { ensemble, sample, masks, threads, .. } = self.inference;
+                let Inference { ensemble, sample, masks, ahead, threads, .. } = self.inference;
                 let options = robert_net::NetPolicyConfig {
                     ensemble,
                     sample_bins: sample,
                     threads,
                     ..robert_net::NetPolicyConfig::default()
                 };
-                Box::new(Learned::new(model, options)?.with_masks(masks))
+                Box::new(Learned::new(model, options)?.with_masks(masks).with_ahead(ahead))
             }
             PolicyName::Ridge => {
                 let model = self.model(robot)?;
