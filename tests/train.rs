@@ -428,6 +428,7 @@ fn options_of_a_network_are_refused_elsewhere() {
     assert!(eval("pd+ensemble=3").fails(2).stderr.contains("robert"));
     assert!(eval("robert:x+ensemble=40").fails(2).stderr.contains("1 to 21"));
     assert!(eval("robert:x+ahead=0+guide").fails(2).stderr.contains("ahead takes 1 to 20"));
+    assert!(eval("robert:x+sample+mean").fails(2).stderr.contains("exclude each other"));
     assert!(eval("pd+ahead=2").fails(2).stderr.contains("only for robert"));
     assert!(eval("pd+sampel").fails(2).stderr.contains("+sample"));
     assert!(eval("robert:x+foo").fails(2).stderr.contains("+sample"));

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::bar::Bar;
 use super::failure::Outcome;
 use super::global::{Global, Threads};
-use super::{dataset, dataset_plot, interrupt, out};
+use super::{dataset, dataset_plot, interrupt, out, output};
 use crate::explore::{AgentKind, CollectConfig, Collected, Preset, begun, collect};
 use crate::plot::Theme;
 use crate::robot::{PlantRange, Robot};
@@ -74,7 +74,7 @@ pub(super) struct Args {
 pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let robot = Arc::new(Robot::load(&args.robot)?);
     let config = config(args, &robot)?;
-    dataset::refuse_file(&args.out)?;
+    output::may_be_folder(&args.out)?;
     let threads = args.threads.count();
     let cancel = interrupt::cancel_on_ctrl_c();
     let bar = Bar::new("collect", "steps", global.quiet || args.json);

@@ -6,7 +6,7 @@ use clap::Subcommand;
 use serde::Serialize;
 
 use super::failure::{Failure, Outcome};
-use super::{dataset_plot, out};
+use super::{dataset_plot, out, output};
 use crate::dataset::{self, Corruption, Dataset, Manifest, Statistics, Totals, View};
 use crate::exit::Exit;
 use crate::plot::Theme;
@@ -216,16 +216,7 @@ fn refuse_same(data: &[PathBuf], out: &Path) -> Outcome {
             out.display()
         )));
     }
-    refuse_file(out)
-}
-
-/// Refuses an output that is a file.
-pub(super) fn refuse_file(out: &Path) -> Outcome {
-    if out.exists() && !out.is_dir() {
-        let path = out.display();
-        return Err(Failure::usage(format!("--out must be a folder, but {path} is a file")));
-    }
-    Ok(())
+    output::may_be_folder(out)
 }
 
 /// Writes the manifest if anything is left. `shortest` is the shortest trajectory of its source.

@@ -14,7 +14,7 @@ use super::global::{Global, Threads};
 use super::interrupt::cancel_on_ctrl_c;
 use super::motion::{self, CLIP_SUFFIX};
 use super::perform::{Conditions, who};
-use super::{input, out, plot};
+use super::{input, out, output, plot};
 use crate::clip::{Clip, Sight};
 use crate::dataset::{Dataset, Verify};
 use crate::exit::Exit;
@@ -158,6 +158,12 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     }
     if let Some(path) = &args.plot {
         plot::may_save(path)?;
+    }
+    if let Some(path) = &args.csv {
+        output::may_create(path)?;
+    }
+    if let Some(dir) = &args.out {
+        output::may_be_folder(dir)?;
     }
     let (robot, mut suites) = suites(args)?;
     let threads = args.threads.count();

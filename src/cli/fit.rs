@@ -9,7 +9,7 @@ use super::bar::Bar;
 use super::failure::Outcome;
 use super::global::{Global, Threads};
 use super::interrupt::cancel_on_ctrl_c;
-use super::{motion, out};
+use super::{motion, out, output};
 use crate::dataset::{Dataset, Verify};
 use crate::rollout::{InverseSettings, NEAREST_FRAMES};
 use crate::train::fit::{self, HIDDEN};
@@ -92,6 +92,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let name = args.policy.as_str();
     let beside = data.path().with_file_name(format!("{name}.safetensors"));
     let path = args.out.clone().unwrap_or(beside);
+    output::may_create(&path)?;
     let threads = args.threads.count();
     let bar = Bar::new("fit", "steps", global.quiet || args.json);
     let cancel = cancel_on_ctrl_c();

@@ -93,6 +93,21 @@ pub(super) fn run(args: &Args) -> Outcome {
 }
 
 impl ModelFlags {
+    /// Whether an option but the id was given that changes what is read from a model.
+    pub(super) fn are_given(&self) -> bool {
+        let ModelFlags { root, packages, id: _, fixed_base, base_height, effort, .. } = self;
+        let ModelFlags { weld, without, without_meshes, actuators, drives, .. } = self;
+        let lists = [packages, weld, without];
+        root.is_some()
+            || effort.is_some()
+            || *fixed_base
+            || *base_height != 0.0
+            || *without_meshes
+            || lists.iter().any(|list| !list.is_empty())
+            || *actuators != ServoFlag::Keep
+            || *drives != DriveFlag::Modelled
+    }
+
     /// The checked values.
     pub(super) fn plan(&self, source: &Path, out: &Path) -> Outcome<ImportConfig> {
         let mut packages = BTreeMap::new();

@@ -29,6 +29,7 @@ mod models;
 mod motion;
 mod new;
 mod out;
+mod output;
 mod perform;
 mod plot;
 mod pool;
@@ -89,7 +90,7 @@ enum Command {
     Plot(plot::Args),
     /// Record motion by noise, babbling or exploring agents.
     Collect(collect::Args),
-    /// Inspect collected data; split, shrink, corrupt, merge or verify it.
+    /// Inspect collected data; split, shrink, corrupt, merge or check it.
     Dataset(dataset::Args),
     /// Train a policy on collected data; it can be stopped and resumed at any time.
     Train(train::Args),

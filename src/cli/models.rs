@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use super::failure::{Failure, Outcome};
-use super::out;
+use super::{out, output};
 use crate::dataset::{Dataset, Verify};
 use crate::net::{Card, checkpoint};
 use crate::rollout::{PolicyConfig, PolicyName, case, model_path, runs_near, shipped};
@@ -63,6 +63,7 @@ pub(super) fn run(args: &Args) -> Outcome {
         Args::Ls { json } => ls(*json),
         Args::Show { model, json } => show(model, *json),
         Args::Pack { run, out: to, notes, dead_zone, reach } => {
+            output::may_create(to)?;
             let mut model = checkpoint::load(&model_path(run), None)?;
             if let Some(dead_zone) = dead_zone {
                 model.card.net.dead_zone = *dead_zone;

@@ -1,6 +1,5 @@
 //! The parts that `rollout` and `eval` share: the robot, the clip, and policies as they are typed.
 
-use std::io::Read as _;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -8,7 +7,6 @@ use super::failure::{Failure, Outcome};
 use super::input;
 use crate::clip::{Clip, Command, Invalid, parse};
 use crate::exit::HasExit;
-use crate::fsio;
 use crate::robot::Robot;
 use crate::rollout::{ClipFacts as _, Guide, PolicyConfig, tasks};
 use crate::take::Take;
@@ -79,39 +77,6 @@ pub(super) fn with_model(robot: &Robot, keys: &str) -> Outcome<String> {
     }
     let text = robot.mjcf_with_keys(keys);
     text.ok_or_else(|| Failure::invalid(format!("the model of {} is not closed", robot.id())))
-}
-
-/// Refuses to overwrite the input, or a file that a person made. The result of an earlier command
-/// may be replaced.
-pub(super) fn may_write(input: &str, out: Option<&Path>) -> Outcome {
-    let real = |p: &Path| std::fs::canonicalize(p).ok();
-    let Some((path, there)) = out.and_then(|p| Some((p, real(p)?))) else { return Ok(()) };
-    if real(Path::new(input)).as_ref() == Some(&there) {
-        return Err(Failure::usage(format!(
-            "{input} is the input and would be overwritten: name another output file"
-        )));
-    }
-    match made_by_hand(&there) {
-        Some(what) => Err(Failure::usage(format!(
-            "{} is a {what} and would be lost: name another output file, or remove it first",
-            path.display()
-        ))),
-        None => Ok(()),
-    }
-}
-
-/// The kind of an existing file, if no command could make the file again.
-fn made_by_hand(path: &Path) -> Option<&'static str> {
-    let mut head = Vec::new();
-    fsio::open_regular(path).ok()?.take(4096).read_to_end(&mut head).ok()?;
-    let text = String::from_utf8_lossy(&head);
-    if text.trim_start().starts_with('{') && text.contains("\"robert-clip/") {
-        return Some("clip");
-    }
-    // Exports with their own `<mujoco>` element contain only keys.
-    let model =
-        text.contains("<robot ") || text.contains("<worldbody") || text.contains("<compiler");
-    (text.trim_start().starts_with('<') && model).then_some("robot's model")
 }
 
 /// The clip that a take was made from.

@@ -251,22 +251,23 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
 fn same_source(args: &Args) -> Outcome {
     let Some(there) = mark_in(&args.out)? else { return Ok(()) };
     let (file, out) = (args.file.display(), args.out.display());
+    let other = |id: &String| Robot::from_folder(&args.out).is_ok_and(|r| r.id() != id);
+    if args.model.id.as_ref().is_some_and(other) {
+        return Err(Failure::invalid(format!(
+            "the robot in {out} has another id; choose another --out"
+        )));
+    }
     let folder = args.out.canonicalize().ok();
     // The folder itself, or a file in it, stands for what is in it.
     if let (Ok(source), Some(folder)) = (args.file.canonicalize(), folder)
         && source.starts_with(&folder)
     {
+        if args.model.are_given() {
+            return Err(Failure::usage(format!(
+                "the robot in {out} is imported already, so options of the import change nothing: leave them out, or import its model again with another --out"
+            )));
+        }
         return Ok(());
-    }
-    if args
-        .model
-        .id
-        .as_ref()
-        .is_some_and(|id| Robot::from_folder(&args.out).is_ok_and(|r| r.id() != id))
-    {
-        return Err(Failure::invalid(format!(
-            "the robot in {out} has another id; choose another --out"
-        )));
     }
     if mark(&args.model.plan(&args.file, &args.out)?)? == there {
         return Ok(());

@@ -42,7 +42,7 @@ pub(super) fn who(head: &str) -> String {
     let rows: Vec<String> =
         PolicyName::usages().map(|(usage, what)| format!("  {usage:<25} {what}")).collect();
     format!(
-        "{head}\n{}\nOptions after the name: +guide and +smooth are --guide linear and smooth, +refine is --refine, for this policy alone (robert:adaptive is best with +guide). +ilc repeats the clip six times in simulation and moves the goals by what was missed; where joints stay away, it follows the path of iLQR, and then searches at random. auto does so too, unless it refines, and takes iLQR itself where that is clearly nearer and the error of the others could be seen. robert also has +ensemble=N (mean over N windows, 1 to 21), +sample (draws the action), +masks (the network fills the gaps itself) and +ahead=N (the network sees one goal a window, N frames ahead). ridge also has +gain (scales its answer by what past actions reveal of the robot).",
+        "{head}\n{}\nOptions after the name: +guide and +smooth are --guide linear and smooth, +refine is --refine, for this policy alone (robert:adaptive is best with +guide). +ilc repeats the clip six times in simulation and moves the goals by what was missed; where joints stay away, it follows the path of iLQR, and then searches at random. auto does so too, unless it refines, and takes iLQR itself where that is clearly nearer and the error of the others could be seen. robert also has +ensemble=N (mean over N windows, 1 to 21), +sample (draws the action bin), +mean (takes the mean of all bins), +masks (the network fills the gaps itself) and +ahead=N (the network sees one goal a window, N frames ahead). ridge also has +gain (scales its answer by what past actions reveal of the robot).",
         rows.join("\n")
     )
 }

@@ -8,7 +8,7 @@ use super::arrivals::{arrivals, said};
 use super::failure::{Failure, Outcome};
 use super::global::Global;
 use super::perform::{PerformArgs, Performed, perform};
-use super::{input, motion, out};
+use super::{input, motion, out, output};
 use crate::clip::formats::motion_to_csv;
 use crate::clip::lint;
 use crate::exit::HasExit as _;
@@ -73,8 +73,8 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
             }
         )));
     }
-    motion::may_write(&args.clip, args.out.as_deref())?;
-    motion::may_write(&args.clip, args.csv.as_deref())?;
+    output::may_write(&args.clip, args.out.as_deref())?;
+    output::may_write(&args.clip, args.csv.as_deref())?;
     let mut done = perform(&args.clip, &args.perform, global)?;
     // The reached motion is kept even if the rollout ended early.
     if let Some(path) = &args.csv {

@@ -8,7 +8,7 @@ use super::bar::Bar;
 use super::failure::{Failure, Outcome};
 use super::global::Global;
 use super::interrupt::cancel_on_ctrl_c;
-use super::{device, motion, out, pool};
+use super::{device, motion, out, output, pool};
 use crate::exit::Exit;
 use crate::fsio;
 use crate::rollout::Interval;
@@ -55,6 +55,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let Some(data) = args.data.clone().or_else(|| file.data.clone()) else {
         return Err(Failure::usage("the file names no data: give --data DIR"));
     };
+    output::may_be_folder(&args.out)?;
     let robot = motion::robot(&file.robot)?;
     let request = args.on.request()?;
     let bar = Bar::new("sweep", "points", global.quiet);

@@ -9,7 +9,7 @@ use super::eval::AT_ONCE;
 use super::failure::{Failure, Outcome};
 use super::global::{Global, Threads};
 use super::interrupt::cancel_on_ctrl_c;
-use super::{device, motion, out};
+use super::{device, motion, out, output};
 use crate::dataset::{Dataset, Verify};
 use crate::exit::Exit;
 use crate::gpu::GpuForwards;
@@ -165,6 +165,7 @@ fn plan(args: &Args) -> Outcome<Plan> {
         let robot = Path::new(&robot).file_name().unwrap_or_default().to_string_lossy();
         PathBuf::from(format!("runs/{now}-{robot}-{}", cfg.preset))
     });
+    output::may_be_folder(&dir)?;
     if dir.join("config.toml").exists() {
         return Err(Failure::usage(format!(
             "there is already a run; choose another --out, or continue it: robert train --resume {}",

@@ -157,6 +157,8 @@ pub enum Choice {
     Argmax,
     /// Drawn from the softmax with this uniform number (the paper's way).
     Sample(f64),
+    /// The mean of all bins' actions, weighted by the softmax.
+    Mean,
 }
 
 /// Applies the dead zone to a correction; see [`NetConfig::dead_zone`].
@@ -177,32 +179,43 @@ pub fn decode<T: Real>(
     let (a, bins) = (cfg.actions, cfg.bins);
     let (skips, gated) = (cfg.skip != SkipKind::Off, cfg.skip == SkipKind::Gated);
     let (logits, rest) = out.split_at(bins);
+    let top = logits.iter().fold(f64::NEG_INFINITY, |m, l| m.max(l.f64()));
+    let odds = |bin: usize| (logits[bin].f64() - top).exp();
+    let total = || (0..bins).map(odds).sum::<f64>();
+    let gates = &rest[bins * a..];
+    let said = |bin: usize, j: usize| {
+        let gate = if gated { gates[j].f64() } else { 0.0 };
+        let base = centres[bin * a + j].f64();
+        let offset = rest[bin * a + j].f64();
+        let line = if skips { linear[j].f64() } else { 0.0 };
+        match cfg.dead_zone {
+            0.0 => base + (1.0 + gate) * line + offset,
+            zone => line + calm(base + gate * line + offset, zone),
+        }
+    };
     let bin = match choice {
         Choice::Argmax => {
             (0..logits.len()).fold(0, |m, k| if logits[k] > logits[m] { k } else { m })
         }
         Choice::Sample(u) => {
-            let top = logits.iter().fold(f64::NEG_INFINITY, |m, l| m.max(l.f64()));
-            let total: f64 = logits.iter().map(|l| (l.f64() - top).exp()).sum();
-            let mut left = u * total;
-            let hit = logits.iter().position(|l| {
-                left -= (l.f64() - top).exp();
+            let mut left = u * total();
+            let hit = (0..bins).position(|bin| {
+                left -= odds(bin);
                 left < 0.0
             });
             hit.unwrap_or(bins - 1)
         }
+        Choice::Mean => {
+            let total = total();
+            for (j, to) in action.iter_mut().enumerate() {
+                let mean: f64 = (0..bins).map(|bin| odds(bin) / total * said(bin, j)).sum();
+                *to = T::of(mean.clamp(-1.0, 1.0));
+            }
+            return;
+        }
     };
-    let gates = &rest[bins * a..];
     for (j, to) in action.iter_mut().enumerate() {
-        let gate = if gated { gates[j].f64() } else { 0.0 };
-        let base = centres[bin * a + j].f64();
-        let offset = rest[bin * a + j].f64();
-        let line = if skips { linear[j].f64() } else { 0.0 };
-        let found = match cfg.dead_zone {
-            0.0 => base + (1.0 + gate) * line + offset,
-            zone => line + calm(base + gate * line + offset, zone),
-        };
-        *to = T::of(found.clamp(-1.0, 1.0));
+        *to = T::of(said(bin, j).clamp(-1.0, 1.0));
     }
 }
 
@@ -210,6 +223,35 @@ pub fn decode<T: Real>(
 mod tests {
     use super::*;
     use crate::config::Mixing;
+
+    #[test]
+    fn the_mean_of_the_bins_lies_between_them() {
+        let cfg = NetConfig {
+            layers: 1,
+            width: 16,
+            heads: 1,
+            inputs: 2,
+            actions: 2,
+            bins: 2,
+            offset_weight: 10.0,
+            mask_replaces: false,
+            skip: SkipKind::Off,
+            mixing: Mixing::Attention,
+            dead_zone: 0.0,
+        };
+        // Odds of 1 to 3, then the offsets of each bin.
+        let out = [0.0, 3.0_f64.ln(), 0.1, 0.0, -0.1, 2.0];
+        let centres = [-0.5, 0.2, 0.5, 0.4];
+        let mut action = [0.0_f64; 2];
+        let mut run = |choice| {
+            decode(&cfg, &centres, &out, &[], choice, &mut action);
+            action
+        };
+        let near = |a: [f64; 2], b: [f64; 2]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12);
+        assert!(near(run(Choice::Argmax), [0.4, 1.0]));
+        assert!(near(run(Choice::Sample(0.1)), [-0.4, 0.2]));
+        assert!(near(run(Choice::Mean), [0.25 * -0.4 + 0.75 * 0.4, 1.0]));
+    }
 
     #[test]
     fn small_corrections_count_for_nothing_and_large_ones_stay() {

@@ -36,6 +36,8 @@ pub enum Threads {
 pub struct NetPolicyConfig {
     /// Draw the action bin (as in the paper) instead of using the most likely one.
     pub sample_bins: bool,
+    /// Take the mean of all bins, weighted by how likely each is; not with `sample_bins`.
+    pub mean_bins: bool,
     /// Seed of those draws.
     pub seed: u64,
     /// Windows whose predictions for the current frame are averaged; 1 is off, 21 at most.
@@ -50,6 +52,7 @@ impl Default for NetPolicyConfig {
     fn default() -> Self {
         NetPolicyConfig {
             sample_bins: false,
+            mean_bins: false,
             seed: 0,
             ensemble: 1,
             ensemble_decay: 0.5,
@@ -198,6 +201,8 @@ impl NetPolicy {
             let choice = if self.cfg.sample_bins {
                 let index = step * (COMMAND as u64 + 1) + j as u64;
                 Choice::Sample(Rng::new(self.cfg.seed, Stream::Bin, index).uniform())
+            } else if self.cfg.mean_bins {
+                Choice::Mean
             } else {
                 Choice::Argmax
             };

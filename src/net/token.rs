@@ -45,7 +45,7 @@ impl JointFacts {
 pub struct Normaliser {
     /// Mean position.
     pub mean: Vec<f64>,
-    /// Standard deviation of positions.
+    /// Standard deviation of positions; see also [`Normaliser::centre_floating`].
     pub std: Vec<f64>,
     /// Standard deviation of s(t+1) − s(t).
     pub std_d1: Vec<f64>,
@@ -87,6 +87,15 @@ impl Normaliser {
             std: spread(0, 1e-3),
             std_d1: spread(1, 1e-5),
             std_d2: spread(2, 1e-6),
+        }
+    }
+
+    /// Replaces the spread of slides without stops by [`TYPICAL_FRAMES`] of typical motion. A `pos`
+    /// token contains the distance of such a slide from the current frame. Recorded positions can
+    /// spread over many metres; in that unit the motion within a window would be nearly invisible.
+    pub fn centre_floating(&mut self, joints: &[JointFacts]) {
+        for (j, _) in joints.iter().enumerate().filter(|(_, j)| j.floats()) {
+            self.std[j] = TYPICAL_FRAMES * self.std_d1[j];
         }
     }
 }
@@ -131,6 +140,8 @@ impl TokenConfig {
     }
 }
 
+/// The unit of distances from the current frame, in frames of typical motion.
+const TYPICAL_FRAMES: f64 = 10.0;
 /// Up to this many hinges, sines of all pairwise angle sums are features; they describe the gravity
 /// of a chain. 22 hinges would have 231 sums, most of them meaningless.
 const SUMMED_HINGES: usize = 8;
@@ -452,8 +463,7 @@ impl Tokeniser {
             let centred = here - filled(CURRENT, j);
             let floats = self.facts.joints[j].floats();
             let absolute = (here - self.mean[j]) * self.scale[j];
-            // The unit of the distance from the current frame is ten frames of typical motion.
-            let centred_unit = centred * self.scale_d1[j] * 0.1;
+            let centred_unit = centred * self.scale_d1[j] * (1.0 / TYPICAL_FRAMES as f32);
             let known = !hide || seen(frame, j);
             let back = if frame > 0 { here - filled(frame - 1, j) } else { 0.0 };
             let bend = if frame > 0 && frame + 1 < WINDOW {

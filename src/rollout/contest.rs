@@ -28,8 +28,8 @@ pub(super) struct Contest {
     robot: Arc<Robot>,
     /// The contenders, in the order in which they are tried.
     policies: Vec<PolicyConfig>,
-    /// The planner whose motion may be chosen. Its place is after the contenders.
-    planner: Option<PolicyConfig>,
+    /// The planners whose motions may be chosen. Their places are after the contenders.
+    planners: Vec<PolicyConfig>,
     /// Whether the best ones repeat the clip.
     pub(super) learns: bool,
 }
@@ -39,8 +39,8 @@ impl Contest {
     pub(super) fn new(robot: &Arc<Robot>, asked: &PolicyConfig) -> Result<Contest, Error> {
         // With refinement a pass takes seconds, so repeating has to be asked for.
         let learns = asked.is_tried() && (asked.ilc || !asked.refine);
-        let (policies, planner) = (contenders(robot, asked)?, planner(robot, asked));
-        Ok(Contest { robot: Arc::clone(robot), policies, planner, learns })
+        let (policies, planners) = (contenders(robot, asked)?, planners(robot, asked));
+        Ok(Contest { robot: Arc::clone(robot), policies, planners, learns })
     }
 
     /// The contenders.
@@ -48,12 +48,10 @@ impl Contest {
         &self.policies
     }
 
-    /// The settings of a contender, or of the planner.
+    /// The settings of a contender, or of a planner.
     pub(super) fn policy(&self, at: usize) -> &PolicyConfig {
-        match &self.planner {
-            Some(planner) if at == self.policies.len() => planner,
-            _ => &self.policies[at],
-        }
+        let planner = at.checked_sub(self.policies.len());
+        planner.map_or_else(|| &self.policies[at], |planner| &self.planners[planner])
     }
 
     /// The places of the contenders that move differently. In a clip without gaps there is nothing to
@@ -100,8 +98,8 @@ impl Contest {
             Repeats::new((at, &self.policies[at]), first, rollouts, judge.clone()).ok()?
         };
         let racers = leaders(tried).filter(|_| self.learns).filter_map(racer).collect();
-        let planner = self.planner.clone().map(|planner| (self.policies.len(), planner));
-        Learner::new(racers, planner, threads)
+        let places = self.policies.len()..;
+        Learner::new(racers, places.zip(self.planners.clone()).collect(), threads)
     }
 
     /// The policy of a `motion` that was learned by a contender or planned, and its result, if it is better
@@ -160,14 +158,14 @@ fn contenders(robot: &Robot, asked: &PolicyConfig) -> Result<Vec<PolicyConfig>, 
     Ok(list)
 }
 
-/// The planner whose own motion may be chosen, if any policy may. Its cost on small robots has no term for
-/// gaps, so it gets smooth goals there.
-fn planner(robot: &Robot, asked: &PolicyConfig) -> Option<PolicyConfig> {
+/// The planners whose own motions may be chosen, if any policy may. On small robots their cost has no term for
+/// gaps, so one gets smooth goals there; the other one is free to swing a load up that no motor can lift.
+fn planners(robot: &Robot, asked: &PolicyConfig) -> Vec<PolicyConfig> {
     if asked.name != PolicyName::Auto {
-        return None;
+        return Vec::new();
     }
     let free = asked.guide == Guide::None;
     let ahead = IlqrConfig::for_robot(robot).guide_weight == 0.0;
-    let guide = if ahead && free { Guide::Smooth } else { asked.guide };
-    Some(PolicyConfig { guide, ..PolicyConfig::floor() })
+    let guides = if ahead && free { &[Guide::Smooth, Guide::None][..] } else { &[asked.guide] };
+    guides.iter().map(|&guide| PolicyConfig { guide, ..PolicyConfig::floor() }).collect()
 }

@@ -10,6 +10,8 @@ pub struct Inference {
     pub ensemble: usize,
     /// Draw the action bin (as in the paper) instead of using the most likely one.
     pub sample: bool,
+    /// Take the mean of all action bins, weighted by how likely each is; not with `sample`.
+    pub mean: bool,
     /// Leave masked frames to the network, even if its file contains data to fill gaps.
     pub masks: bool,
     /// Show a single goal of each window: the one this many frames ahead, 1 to 20, or the next visible one, or the
@@ -28,6 +30,7 @@ impl Default for Inference {
         Inference {
             ensemble: 1,
             sample: false,
+            mean: false,
             masks: false,
             ahead: 0,
             gain: false,

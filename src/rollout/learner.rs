@@ -8,7 +8,7 @@
 
 use super::detour;
 use super::error::Error;
-use super::gaps::unnatural;
+use super::gaps::{counted, unnatural};
 use super::ilc::Repeats;
 use super::jam::{self, Off};
 use super::planned::{self, Planned};
@@ -27,11 +27,21 @@ const UNNATURAL: f64 = 1e-4;
 const CLEAR_GAIN: f64 = 0.03;
 /// The share from which there is no search: so much is hardly found by chance.
 const BEYOND_CHANCE: f64 = 0.1;
-/// The share that it must gain to be kept although the contenders move more naturally in gaps: a pole that
-/// stands is worth a jerk.
+/// The share of the score, or of Precision, that it must gain to be kept although the contenders move more
+/// naturally in gaps: a pole that stands is worth a jerk.
 const FAR_NEARER: f64 = 0.5;
 /// Frames by which one step advances each contender.
 const CHUNK: usize = 8;
+
+/// The motion of a planner.
+struct Own {
+    /// The planner's place after the contenders.
+    at: usize,
+    motion: Rollout,
+    score: f64,
+    /// Whether it is as natural in gaps as the contenders'.
+    natural: bool,
+}
 
 /// How the motion of a policy is improved, one stage after another.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -70,11 +80,10 @@ pub(super) struct Learner {
     planned: Option<Planned>,
     /// Planners whose turn comes after this one.
     plans: Vec<PolicyConfig>,
-    /// The planner and its place after the contenders; `None` if its motion must not be chosen.
-    planner: Option<(usize, PolicyConfig)>,
-    /// The motion of the planner, its score, and whether it is as natural in gaps as the contenders'; once
-    /// the policy has followed it.
-    own: Option<(Rollout, f64, bool)>,
+    /// The planners whose motions may be chosen, and their places after the contenders.
+    planners: Vec<(usize, PolicyConfig)>,
+    /// Their motions, once the policy has followed them.
+    own: Vec<Own>,
     /// Frames at which joints are off their goals on the planner's path, once it is known.
     floor: Option<Vec<Off>>,
     /// Whether a strict judge decides by now.
@@ -94,10 +103,10 @@ pub(super) struct Learner {
 
 impl Learner {
     /// A learner on `threads` threads, on whose number the result does not depend. `None` without a
-    /// racer. `planner` is the planner whose motion may be chosen, and its place after the contenders.
+    /// racer. `planners` are those whose motions may be chosen, and their places after the contenders.
     pub(super) fn new(
         racers: Vec<Repeats>,
-        planner: Option<(usize, PolicyConfig)>,
+        planners: Vec<(usize, PolicyConfig)>,
         threads: usize,
     ) -> Option<Learner> {
         let first = racers.iter().map(|r| r.least).fold(f64::INFINITY, f64::min);
@@ -109,8 +118,8 @@ impl Learner {
             wanted: false,
             planned: None,
             plans: Vec::new(),
-            planner,
-            own: None,
+            planners,
+            own: Vec::new(),
             floor: None,
             is_strict: false,
             search: None,
@@ -171,10 +180,7 @@ impl Learner {
 
     /// The contender that leads.
     pub(super) fn at(&self) -> usize {
-        match (self.own(), &self.planner) {
-            (Some(_), Some((at, _))) => *at,
-            _ => self.lead().at,
-        }
+        self.own().map_or(self.lead().at, |own| own.at)
     }
 
     /// The contender that leads among those that repeat the clip.
@@ -189,28 +195,36 @@ impl Learner {
 
     /// The motion of the contender that leads, if it is better than the one from which it learned.
     pub(super) fn best(&self) -> Option<&Rollout> {
-        self.own().or_else(|| self.lead().best())
+        self.own().map(|own| &own.motion).or_else(|| self.lead().best())
     }
 
-    /// The planner's own motion, if it is clearly better.
-    fn own(&self) -> Option<&Rollout> {
+    /// The best motion of a planner, if it is clearly better.
+    fn own(&self) -> Option<&Own> {
         self.own_by(CLEAR_GAIN)
     }
 
-    /// The planner's own motion, if it gains this share of the score, or more if it is less natural in gaps.
-    fn own_by(&self, share: f64) -> Option<&Rollout> {
+    /// The best motion of a planner that gains this share of the score, or more if it is less natural in gaps.
+    fn own_by(&self, share: f64) -> Option<&Own> {
         let lead = self.lead();
-        let (motion, score, natural) = self.own.as_ref().filter(|_| falls_short(lead))?;
-        let gain = if *natural { share } else { FAR_NEARER };
-        (*score < (1.0 - gain) * lead.least).then_some(motion)
+        let far_nearer = |own: f64, lead: f64| own < (1.0 - FAR_NEARER) * lead;
+        let nearer = |own: &Own| {
+            let precision = own.motion.precision().precision.unwrap_or(f64::INFINITY);
+            far_nearer(own.score, lead.least)
+                || far_nearer(precision, lead.least - counted(lead.gaps))
+        };
+        let gains =
+            |own: &&Own| own.score < (1.0 - share) * lead.least && (own.natural || nearer(own));
+        let found = self.own.iter().filter(|_| falls_short(lead)).filter(gains);
+        found.min_by(|a, b| a.score.total_cmp(&b.score))
     }
 
     /// See [`Learner::best`], and the contender.
     pub(super) fn into_best(mut self) -> Option<(usize, Rollout)> {
-        let at = self.at();
-        if self.own().is_some() {
-            return self.own.map(|(motion, ..)| (at, motion));
+        if let Some(at) = self.own().map(|own| own.at) {
+            let own = self.own.into_iter().find(|own| own.at == at)?;
+            return Some((at, own.motion));
         }
+        let at = self.at();
         let lead = self.racers.swap_remove(self.place());
         Some((at, lead.into_best()?))
     }
@@ -247,7 +261,7 @@ impl Learner {
         self.wanted = lead.is_fast && detour::may_help(goals, plan, lead.best_states());
         if lead.is_fast && planned::is_affordable(&lead.trial) {
             // Free of a guide it finds more ways around what blocks a joint; with one it moves naturally.
-            let own = self.planner.iter().map(|(_, config)| config.clone());
+            let own = self.planners.iter().map(|(_, config)| config.clone()).take(1);
             self.plans.extend(own.filter(|_| self.wanted || falls_short(&lead)));
             let free = PolicyConfig::floor();
             if self.wanted && !self.plans.contains(&free) {
@@ -263,8 +277,10 @@ impl Learner {
         if let Some(planned) = self.planned.take().filter(Planned::is_done) {
             self.floor.get_or_insert_with(|| planned.off(jam::NEAR));
             // Only the contender's settings lead to this motion again.
-            let own = self.planner.as_ref().filter(|(_, config)| planned.config == *config);
-            self.own = own.and_then(|_| self.score_own(planned.into_motion())).or(self.own.take());
+            let own = self.planners.iter().find(|(_, config)| planned.config == *config);
+            if let Some(&(at, _)) = own {
+                self.own.extend(self.score_own(at, planned.into_motion()));
+            }
         }
         let next = self.plans.pop();
         self.planned = next.and_then(|config| Planned::new(&self.lead().trial, &config).ok());
@@ -303,12 +319,11 @@ impl Learner {
         }
     }
 
-    /// The planner's own motion, its score, and whether it is as natural in gaps as the least natural
-    /// contender.
-    fn score_own(&self, motion: Rollout) -> Option<(Rollout, f64, bool)> {
+    /// The motion of the planner `at` this place, if the judge admits it.
+    fn score_own(&self, at: usize, motion: Rollout) -> Option<Own> {
         let score = self.lead().judge().score(&motion)?;
         let natural = unnatural(&motion) <= self.natural;
-        Some((motion, score, natural))
+        Some(Own { at, motion, score, natural })
     }
 
     /// Begins to search; false if every joint arrives by now, or the planner's own motion is nearer by so
@@ -359,7 +374,8 @@ impl Learner {
         let judge = self.lead().judge().strict(best, &jams, self.first);
         self.is_strict = true;
         self.lead_mut().judge_by(judge.clone());
-        self.own = self.own.take().and_then(|(motion, ..)| self.score_own(motion));
+        let own = std::mem::take(&mut self.own).into_iter();
+        self.own = own.filter_map(|own| self.score_own(own.at, own.motion)).collect();
         if self.own().is_some() {
             return false;
         }
@@ -398,7 +414,7 @@ mod tests {
             let rollouts = [fresh(0).unwrap(), fresh(0).unwrap()];
             let racer =
                 Repeats::new((0, &policy), &first, rollouts, Judge::of(&robot)).unwrap().unwrap();
-            let mut learner = Learner::new(vec![racer], None, threads).unwrap();
+            let mut learner = Learner::new(vec![racer], Vec::new(), threads).unwrap();
             while learner.stage() != Stage::Search {
                 assert!(learner.step(fresh));
             }

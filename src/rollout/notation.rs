@@ -14,7 +14,7 @@ use crate::window::COMMAND;
 const WINDOWS: usize = COMMAND + 1;
 
 const OPTIONS: &str =
-    "+guide, +smooth, +refine, +ilc, +sample, +masks, +gain, +ahead=N or +ensemble=N";
+    "+guide, +smooth, +refine, +ilc, +sample, +mean, +masks, +gain, +ahead=N or +ensemble=N";
 
 /// The last option with a number: what is before it, its name and its value.
 fn number(text: &str) -> Option<(&str, &str, &str)> {
@@ -44,6 +44,8 @@ impl FromStr for PolicyConfig {
                 (rest, refine) = (shorter, true);
             } else if let Some(shorter) = rest.strip_suffix("+sample") {
                 (rest, inference.sample) = (shorter, true);
+            } else if let Some(shorter) = rest.strip_suffix("+mean") {
+                (rest, inference.mean) = (shorter, true);
             } else if let Some(shorter) = rest.strip_suffix("+masks") {
                 (rest, inference.masks) = (shorter, true);
             } else if let Some(shorter) = rest.strip_suffix("+gain") {
@@ -79,8 +81,11 @@ impl FromStr for PolicyConfig {
         let own = Inference { gain: false, ..inference };
         if own != Inference::default() && name != PolicyName::Robert {
             return Err(wrong(
-                "+sample, +masks, +ahead=N and +ensemble=N are only for robert".to_owned(),
+                "+sample, +mean, +masks, +ahead=N and +ensemble=N are only for robert".to_owned(),
             ));
+        }
+        if inference.sample && inference.mean {
+            return Err(wrong("+sample and +mean exclude each other".to_owned()));
         }
         let model_path = model.map(Into::into);
         Ok(PolicyConfig { guide, refine, ilc, model_path, inference, ..PolicyConfig::new(name) })

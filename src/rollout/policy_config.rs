@@ -127,14 +127,15 @@ impl PolicyConfig {
         let guide = self.guide.suffix();
         let ilc = if self.ilc { "+ilc" } else { "" };
         let refine = if self.refine { "+refine" } else { "" };
-        let Inference { ensemble, sample, masks, ahead, gain, .. } = self.inference;
+        let Inference { ensemble, sample, mean, masks, ahead, gain, .. } = self.inference;
         let sample = if sample { "+sample" } else { "" };
+        let mean = if mean { "+mean" } else { "" };
         let masks = if masks { "+masks" } else { "" };
         let gain = if gain { "+gain" } else { "" };
         let ensemble = if ensemble > 1 { format!("+ensemble={ensemble}") } else { String::new() };
         let ahead = if ahead > 0 { format!("+ahead={ahead}") } else { String::new() };
         let model = model.map(|m| format!(":{m}")).unwrap_or_default();
-        let of_network = format!("{sample}{masks}{gain}{ahead}{ensemble}");
+        let of_network = format!("{sample}{mean}{masks}{gain}{ahead}{ensemble}");
         format!("{}{model}{of_network}{guide}{refine}{ilc}", self.name.as_str())
     }
 
@@ -264,10 +265,12 @@ impl PolicyConfig {
             }
             PolicyName::Robert => {
                 let model = Arc::unwrap_or_clone(self.model(robot)?);
-                let Inference { ensemble, sample, masks, ahead, threads, .. } = self.inference;
+                let Inference { ensemble, sample, mean, masks, ahead, threads, .. } =
+                    self.inference;
                 let options = robert_net::NetPolicyConfig {
                     ensemble,
                     sample_bins: sample,
+                    mean_bins: mean,
                     threads,
                     ..robert_net::NetPolicyConfig::default()
                 };

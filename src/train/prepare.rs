@@ -10,7 +10,7 @@ use robert_dataset::{Dataset, Part};
 use robert_net::checkpoint::{TrainingCard, Usual};
 use robert_net::kmeans::kmeans;
 use robert_net::reach::Reach;
-use robert_net::{Card, Encoder, Episodes, Net, Ridge, SkipKind, Tokeniser};
+use robert_net::{Card, Encoder, Episodes, Net, Normaliser, Ridge, SkipKind, Tokeniser};
 pub use robert_rollout::{card_of as robot_card, facts, normaliser};
 
 /// The most actions to which the bins are fitted.
@@ -100,8 +100,14 @@ pub fn prepare(
 /// [`Error::Net`].
 pub(super) fn tokeniser(data: &Dataset, cfg: &TrainConfig) -> Result<Tokeniser, Error> {
     let facts = facts(&data.manifest().robot);
-    let (norm, _) = normaliser(data, cfg.seed);
-    Ok(Tokeniser::new(cfg.token_config(&facts), facts, &norm)?)
+    Ok(Tokeniser::new(cfg.token_config(&facts), facts, &network_normaliser(data, cfg))?)
+}
+
+/// Mean and spread of positions as the tokens see them.
+fn network_normaliser(data: &Dataset, cfg: &TrainConfig) -> Normaliser {
+    let (mut norm, _) = normaliser(data, cfg.seed);
+    norm.centre_floating(&facts(&data.manifest().robot).joints);
+    norm
 }
 
 /// As [`prepare`], for the training part of data and with a linear prediction that is fitted already.
@@ -116,7 +122,7 @@ pub(super) fn assemble(
 ) -> Result<(Card, Net<f32>, Encoder), Error> {
     let data = train.data;
     let robot = &data.manifest().robot;
-    let (norm, _) = normaliser(data, cfg.seed);
+    let norm = network_normaliser(data, cfg);
     let tokens = tokeniser(data, cfg)?;
     let encoder = Encoder::new(tokens, ridge)?;
     let actions = encoder.tokens.facts().actions;

@@ -14,13 +14,13 @@ use self::plan::{Made, Plan, say};
 use self::source::Source;
 use super::failure::{Failure, Outcome};
 use super::global::Global;
-use super::{motion, out};
+use super::{out, output};
 use crate::fsio;
 
 pub(super) fn run(args: &Args, global: Global) -> Outcome {
     args.check()?;
     for input in &args.inputs {
-        motion::may_write(input, args.out.as_deref())?;
+        output::may_write(input, args.out.as_deref())?;
     }
     let plan = Plan::new(args)?;
     if args.to.gathers() {

@@ -8,8 +8,7 @@ mod motions;
 use std::path::{Path, PathBuf};
 
 use super::failure::{Failure, Outcome};
-use super::{input, out};
-use crate::fsio;
+use super::{input, out, output};
 use crate::plot::{Axis, Figure, Theme};
 use columns::{Selection, Units};
 
@@ -172,7 +171,7 @@ pub(super) fn save(figure: &Figure, path: &Path) -> Outcome {
 pub(super) fn may_save(path: &Path) -> Outcome {
     if !input::is_standard(path) {
         Figure::may_save(path)?;
-        fsio::writable(path)?;
+        output::may_create(path)?;
     }
     Ok(())
 }

@@ -127,11 +127,9 @@ pub fn from_csv(bytes: &[u8], robot: Option<&RobotRef>, fill: Fill) -> Result<Cl
             }
             let frame = at.filter(|f| f.fract() == 0.0).and_then(|f| frame_of(f / f64::from(FPS)));
             let Some(frame) = frame else {
-                return Err(ClipError::at(
-                    "a frame must be a whole number from 0",
-                    line,
-                    column + 1,
-                ));
+                let last = limits::CLIP_FRAMES - 1;
+                let why = format!("a frame must be a whole number from 0 to {last}");
+                return Err(ClipError::at(why, line, column + 1));
             };
             if hidden {
                 row.fill(None);

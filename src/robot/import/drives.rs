@@ -38,10 +38,10 @@ const ROTOR: f64 = 0.003;
 const SPEED: [f64; 2] = [2.0, 0.5];
 /// A drive without a speed limit in its source needs at least this time to cross its range,
 /// seconds.
-const CROSSING_SECS: f64 = 0.5;
+pub(super) const CROSSING_SECS: f64 = 0.5;
 /// A speed limit above this is considered a placeholder: of joints with stops and of slides, rad/s or
 /// m/s, and of wheels, which are faster.
-const PLACEHOLDER: f64 = 40.0;
+pub(super) const PLACEHOLDER: f64 = 40.0;
 const PLACEHOLDER_OF_WHEEL: f64 = 1000.0;
 /// The share of its torque limit from which a motor's load counts.
 const LOADED: f64 = 0.5;

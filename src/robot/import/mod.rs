@@ -45,6 +45,8 @@ use robert_mujoco::Model;
 
 /// Speed limit of a joint that its motors do not move, rad/s or m/s.
 const SLOW: f64 = 0.1;
+/// The share of the speed in the source below which a motor counts as too weak.
+const HARDLY: f64 = 0.1;
 /// The report of an import, in the robot's folder.
 const REPORT_FILE: &str = "import.json";
 
@@ -333,7 +335,7 @@ fn speeds(
     draft: &mut Draft,
     model: &Arc<Model>,
 ) -> Result<(), Error> {
-    let mut stuck = Vec::new();
+    let (mut stuck, mut slow) = (Vec::new(), Vec::new());
     let paces = pace::measure(model)?;
     if let Some(secs) = paces.cut_secs {
         draft.warnings.push(format!(
@@ -346,6 +348,13 @@ fn speeds(
             Pace::Moves { speed, top, acceleration } => {
                 let at_most = |v: f64| derive::digits(named.map_or(v, |n| n.min(v)), 3);
                 j.speed_limit = at_most(speed);
+                // Within a short range no motor reaches its speed.
+                let wide = |n: f64| j.range.is_none_or(|[a, b]| b - a > drives::CROSSING_SECS * n);
+                let hardly = |n: &f64| speed < HARDLY * n && *n <= drives::PLACEHOLDER && wide(*n);
+                if let Some(n) = named.filter(hardly) {
+                    let (speed, n) = (j.speed_limit, derive::digits(n, 3));
+                    slow.push(format!("\"{}\" {speed} of {n}", j.name));
+                }
                 j.top_speed = Some(at_most(top)).filter(|top| *top > j.speed_limit);
                 j.acceleration_limit = Some(derive::digits(acceleration, 3)).filter(|a| *a > 0.0);
             }
@@ -360,6 +369,13 @@ fn speeds(
         draft.warnings.push(format!(
             "the motors do not move {} in most poses: too weak for what they carry, or blocked",
             stuck.join(", ")
+        ));
+    }
+    if !slow.is_empty() {
+        draft.warnings.push(format!(
+            "motors give a small part of the speed that the file names, from rest in most poses (rad/s or m/s): {}; they \
+             are too weak for what they carry: check masses and the motors' limits in the file",
+            slow.join(", ")
         ));
     }
     Ok(())
