@@ -464,9 +464,29 @@ fn new_goes_on_only_with_the_model_that_the_folder_was_made_from() {
     };
     assert!(refused("m.xml", &["--fixed-base"]).contains("robert new bot --out bot"));
     assert!(refused("gone.xml", &[]).contains("gone.xml"));
+    // What is there stays as it was imported.
+    let (code, _, stderr) =
+        call(dir, &["new", "bot", "--out", "bot", "--drives", "file", "--minutes", "0"]);
+    assert_eq!((code, stderr.contains("imported already")), (2, true), "{stderr}");
     std::fs::write(dir.join("m.xml"), CART.replace("armature", "damping=\".2\" armature")).unwrap();
     assert!(refused("m.xml", &[]).contains("another model"));
     assert!(!same(|_| ()));
+}
+
+#[test]
+fn a_shoulder_that_hardly_lifts_its_arm_is_pointed_at() {
+    let slow = |effort: u32| {
+        let arm = format!(
+            r#"<robot name="p"><link name="base"/><link name="arm"><inertial><origin xyz="0 0 1"/><mass value="5"/>
+            <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+            <joint name="shoulder" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+            <limit effort="{effort}" lower="-2.3" upper="2.3" velocity="3"/></joint></robot>"#
+        );
+        let ran = robert().file("m.urdf", arm);
+        let ran = ran.args(["import", "m.urdf", "--out", "bot", "--json"]).succeeds();
+        notes(&ran.json(), "warnings").contains("a small part of the speed")
+    };
+    assert!(slow(34) && !slow(200));
 }
 
 #[test]

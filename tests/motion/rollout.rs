@@ -283,6 +283,9 @@ fn a_clip_is_never_written_over_by_what_is_made_from_it() {
         ["rollout", "hop.clip.json", "-p", "pd", "-o", "other.clip.json"],
         ["rollout", "hop.clip.json", "-p", "pd", "--csv", "robot.xml"],
         ["export", "hop.clip.json", "--to", "mjcf", "-o", "robot.xml"],
+        ["eval", "--suite=hop.clip.json", "-p", "pd", "--csv", "hop.clip.json"],
+        ["eval", "--suite=hop.clip.json", "-p", "pd", "--csv", "robot.xml"],
+        ["models", "pack", "runs/none", "--notes=a", "-o", "other.clip.json"],
     ] {
         let files = robert().file("hop.clip.json", HOP).file("other.clip.json", HOP);
         let ran = files.file("robot.xml", model).args(args).fails(2);
