@@ -1,11 +1,13 @@
 //! Robots and clips as strangers type them, of kinds and sizes that no robot in the program has.
 
 use std::path::Path;
+use std::sync::Arc;
 
-use robert::clip::{Clip, Goal, Key, Reach};
+use robert::clip::{Clip, Command, Goal, Key, Reach};
 use robert::kinematics::{IkConfig, Point, Target};
+use robert::progress::{Cancel, Silent};
 use robert::robot::{Coupling, Robot};
-use robert::rollout::ClipFacts as _;
+use robert::rollout::{ClipFacts as _, Contenders, LiveRollout, PolicyConfig, PolicyName, Start};
 
 use crate::run::{Ran, call, robert};
 
@@ -38,6 +40,41 @@ fn linkage() -> String {
         limb("left", -0.1),
         limb("right", 0.1)
     )
+}
+
+/// Its motor cannot lift the load, but swing it up, which a planner finds that has no guide.
+#[test]
+fn a_load_that_must_be_swung_up_is_performed_live_as_at_once() {
+    let text = r#"<robot name="p"><link name="base"/><link name="arm"><inertial><origin xyz="0 0 -1"/><mass value="5"/>
+        <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+        <joint name="shoulder" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+        <limit effort="25" lower="-2.3" upper="2.3" velocity="3"/></joint></robot>"#;
+    let (_ran, bot) = import("m.urdf", text);
+    let bot = Arc::new(bot);
+    let goal = |frame: usize| if frame == 59 { 1.0 } else { 0.0 };
+    let seen = |frame: usize| frame == 0 || frame == 59;
+    let joints = vec!["shoulder".to_owned()];
+    let (q, visible) = ((0..60).map(goal).collect(), (0..60).map(seen).collect());
+    let command = Command::from_dense(joints, vec![0.0], q, visible).unwrap();
+    let asked = PolicyConfig::new(PolicyName::Auto);
+    let all = Contenders::new(&bot, &asked).unwrap();
+    let (start, cancel) = (Start::Pose, Cancel::default());
+    let chosen = all.perform(&command, &start, 0, 2, &Silent, &cancel).unwrap();
+    assert_eq!(chosen.policy.label(), "ilqr");
+    let mut live = LiveRollout::new(&bot, &asked, 0, &command).unwrap();
+    let mut perform = || {
+        while live.step().unwrap().is_some() {}
+        while live.step_another() {
+            live.show_best_so_far();
+            live.step().unwrap();
+        }
+        let choice = live.choose().unwrap();
+        assert_eq!(choice.policy, "ilqr");
+        assert_eq!(live.shown().actions(), chosen.rollout.actions());
+        live.set_command(&command).unwrap();
+    };
+    perform();
+    perform();
 }
 
 #[test]

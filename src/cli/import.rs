@@ -95,8 +95,19 @@ pub(super) fn run(args: &Args) -> Outcome {
 impl ModelFlags {
     /// Whether an option but the id was given that changes what is read from a model.
     pub(super) fn are_given(&self) -> bool {
-        let ModelFlags { root, packages, id: _, fixed_base, base_height, effort, .. } = self;
-        let ModelFlags { weld, without, without_meshes, actuators, drives, .. } = self;
+        let ModelFlags {
+            root,
+            packages,
+            id: _,
+            fixed_base,
+            base_height,
+            effort,
+            weld,
+            without,
+            without_meshes,
+            actuators,
+            drives,
+        } = self;
         let lists = [packages, weld, without];
         root.is_some()
             || effort.is_some()

@@ -49,16 +49,22 @@ pub(super) fn may_be_folder(out: &Path) -> Outcome {
     Ok(())
 }
 
+/// The bytes of a file in which its kind is looked for: a licence may come first.
+const HEAD: u64 = 65_536;
+
 /// The kind of an existing file, if no command could make the file again.
 fn made_by_hand(path: &Path) -> Option<&'static str> {
     let mut head = Vec::new();
-    fsio::open_regular(path).ok()?.take(4096).read_to_end(&mut head).ok()?;
+    fsio::open_regular(path).ok()?.take(HEAD).read_to_end(&mut head).ok()?;
     let text = String::from_utf8_lossy(&head);
     if text.trim_start().starts_with('{') && text.contains("\"robert-clip/") {
         return Some("clip");
     }
     // Exports with their own `<mujoco>` element contain only keys.
-    let model =
-        text.contains("<robot ") || text.contains("<worldbody") || text.contains("<compiler");
+    let root = |name: &str| {
+        let mut after = text.match_indices(name).map(|(at, _)| &text[at + name.len()..]);
+        after.any(|rest| rest.starts_with(|c: char| c.is_whitespace() || c == '>'))
+    };
+    let model = root("<robot") || text.contains("<worldbody") || text.contains("<compiler");
     (text.trim_start().starts_with('<') && model).then_some("robot's model")
 }

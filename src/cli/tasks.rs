@@ -8,7 +8,7 @@ use super::bar::Bar;
 use super::failure::{Failure, Outcome};
 use super::global::Global;
 use super::interrupt::cancel_on_ctrl_c;
-use super::{motion, out};
+use super::{motion, out, output};
 use crate::fsio;
 use crate::rollout::tasks::{self, SUITES};
 use crate::rollout::{Case, Start, floor};
@@ -120,9 +120,18 @@ fn ls(robot: Option<&str>, json: bool) -> Outcome {
 /// The trial clips of a robot as files.
 fn trial(robot: &str, dir: &Path, seed: u64) -> Outcome {
     let robot = motion::robot(robot)?;
+    let mut files = Vec::new();
     for task in tasks::trial(&robot, seed)? {
         let path = dir.join(format!("{}{}", task.name, motion::CLIP_SUFFIX));
-        fsio::write_atomic(&path, task.clip.to_text().as_bytes())?;
+        files.push((path, task.clip.to_text()));
+    }
+    // The same clips may be written again, but a person may have changed them.
+    let other = |path: &Path, text: &str| std::fs::read(path).is_ok_and(|t| t != text.as_bytes());
+    for (path, _) in files.iter().filter(|(path, text)| other(path, text)) {
+        output::may_create(path)?;
+    }
+    for (path, text) in files {
+        fsio::write_atomic(&path, text.as_bytes())?;
         out::line(&path.display().to_string())?;
     }
     Ok(())

@@ -27,7 +27,7 @@ const UNNATURAL: f64 = 1e-4;
 const CLEAR_GAIN: f64 = 0.03;
 /// The share from which there is no search: so much is hardly found by chance.
 const BEYOND_CHANCE: f64 = 0.1;
-/// The share of the score, or of Precision, that it must gain to be kept although the contenders move more
+/// The share of the score, or of the error in it, that it must gain to be kept although the contenders move more
 /// naturally in gaps: a pole that stands is worth a jerk.
 const FAR_NEARER: f64 = 0.5;
 /// Frames by which one step advances each contender.
@@ -39,6 +39,8 @@ struct Own {
     at: usize,
     motion: Rollout,
     score: f64,
+    /// The part of the score that is the penalty for unnatural motion in gaps.
+    gaps: f64,
     /// Whether it is as natural in gaps as the contenders'.
     natural: bool,
 }
@@ -208,9 +210,8 @@ impl Learner {
         let lead = self.lead();
         let far_nearer = |own: f64, lead: f64| own < (1.0 - FAR_NEARER) * lead;
         let nearer = |own: &Own| {
-            let precision = own.motion.precision().precision.unwrap_or(f64::INFINITY);
             far_nearer(own.score, lead.least)
-                || far_nearer(precision, lead.least - counted(lead.gaps))
+                || far_nearer(own.score - own.gaps, lead.least - counted(lead.gaps))
         };
         let gains =
             |own: &&Own| own.score < (1.0 - share) * lead.least && (own.natural || nearer(own));
@@ -322,8 +323,9 @@ impl Learner {
     /// The motion of the planner `at` this place, if the judge admits it.
     fn score_own(&self, at: usize, motion: Rollout) -> Option<Own> {
         let score = self.lead().judge().score(&motion)?;
-        let natural = unnatural(&motion) <= self.natural;
-        Some(Own { at, motion, score, natural })
+        let gaps = unnatural(&motion);
+        let natural = gaps <= self.natural;
+        Some(Own { at, motion, score, gaps: counted(gaps), natural })
     }
 
     /// Begins to search; false if every joint arrives by now, or the planner's own motion is nearer by so

@@ -116,12 +116,17 @@ impl LiveRollout {
         self.edit += 1;
         let leader = self.learner.take().map(|learner| learner.leader());
         let corrected = std::mem::take(&mut self.shown.1) > 0;
-        if self.shown.0 == self.contenders.len() {
+        if self.shows_plan() {
             // A planner is too slow to be the first after an edit.
             self.shown.0 = leader.unwrap_or(0);
         }
         self.take_up(self.shown.0)?;
         Ok(if corrected { 0 } else { self.shown().frame() })
+    }
+
+    /// Whether the motion that is shown is a planner's own; planners come after the contenders.
+    fn shows_plan(&self) -> bool {
+        self.shown.0 >= self.contenders.len()
     }
 
     /// Makes a contender's rollout continue with the current command.
@@ -147,7 +152,7 @@ impl LiveRollout {
     /// # Errors
     /// As [`Rollout::step`].
     pub fn step(&mut self) -> Result<Option<super::run::Frame<'_>>, Error> {
-        if self.shown.0 == self.contenders.len() {
+        if self.shows_plan() {
             // The planner has planned to the end.
             return Ok(None);
         }

@@ -49,6 +49,9 @@ pub struct TrainConfig {
     /// learned from, because the next token reveals their action.
     #[serde(default)]
     pub previous_action: bool,
+    /// The unit of the distance of a slide without stops from the current frame, in `pos` tokens.
+    #[serde(default)]
+    pub slide_unit: SlideUnit,
     /// Whether a mask hides whole frames or single joints.
     pub mask_granularity: MaskGranularity,
     /// The linear prediction beside the network.
@@ -121,6 +124,17 @@ pub enum Select {
     Extracted,
 }
 
+/// The unit of the distance of a slide without stops from the current frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SlideUnit {
+    /// The standard deviation of recorded positions, which may be many metres.
+    #[default]
+    Spread,
+    /// Ten frames of typical motion.
+    Motion,
+}
+
 /// The target of frames in self-contact, where torque presses instead of moving.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -147,6 +161,7 @@ impl Default for TrainConfig {
             tokens: TokenKind::Goal,
             profile: true,
             previous_action: false,
+            slide_unit: SlideUnit::Spread,
             mask_granularity: MaskGranularity::State,
             skip: SkipKind::Gated,
             ridge_history: 0,

@@ -28,7 +28,7 @@ pub mod sweep;
 #[cfg(test)]
 mod tests;
 
-pub use config::{ContactTarget, PRESETS, Select, TrainConfig};
+pub use config::{ContactTarget, PRESETS, Select, SlideUnit, TrainConfig};
 pub use error::Error;
 pub use metrics::{Evaluation, HeldOut};
 pub use options::{Evaluate, Finished, Options};

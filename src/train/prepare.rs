@@ -3,7 +3,7 @@
 
 use super::fitted_ridge::{FittedRidge, ridge_config};
 use super::pressing::Pressing;
-use super::{Error, TrainConfig};
+use super::{Error, SlideUnit, TrainConfig};
 use robert_base::json;
 use robert_base::progress::Cancel;
 use robert_dataset::{Dataset, Part};
@@ -106,7 +106,9 @@ pub(super) fn tokeniser(data: &Dataset, cfg: &TrainConfig) -> Result<Tokeniser, 
 /// Mean and spread of positions as the tokens see them.
 fn network_normaliser(data: &Dataset, cfg: &TrainConfig) -> Normaliser {
     let (mut norm, _) = normaliser(data, cfg.seed);
-    norm.centre_floating(&facts(&data.manifest().robot).joints);
+    if cfg.slide_unit == SlideUnit::Motion {
+        norm.centre_floating(&facts(&data.manifest().robot).joints);
+    }
     norm
 }
 

@@ -373,8 +373,8 @@ fn speeds(
     }
     if !slow.is_empty() {
         draft.warnings.push(format!(
-            "motors give a small part of the speed that the file names, from rest in most poses (rad/s or m/s): {}; they \
-             are too weak for what they carry: check masses and the motors' limits in the file",
+            "motors give a small part of the speed that the file names, from rest in most poses (rad/s or m/s): {}; too weak \
+             for what they carry, or blocked: check masses and the motors' limits in the file",
             slow.join(", ")
         ));
     }
