@@ -69,7 +69,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     data.must_be_of(&robot)?;
     let request = args.on.request()?;
     let threads = args.threads.count();
-    let selecting = |e: SuiteEvaluator| e.selecting(cfg.select, &data, cfg.seed);
+    let selecting = |e: SuiteEvaluator| e.selecting(&cfg, &data);
     let mut evaluator = SuiteEvaluator::new(Arc::clone(&robot), threads)
         .and_then(|e| e.map(selecting).transpose())
         .map_err(Failure::invalid)?;

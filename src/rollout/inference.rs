@@ -1,6 +1,9 @@
 //! The use of a trained network.
 
-use robert_net::Threads;
+use robert_net::{Model, NetPolicyConfig, Threads};
+
+use super::error::Error;
+use super::learned::Learned;
 
 /// How a trained network is used; other policies ignore it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -36,5 +39,22 @@ impl Default for Inference {
             gain: false,
             threads: Threads::One,
         }
+    }
+}
+
+impl Inference {
+    /// The network of a model, used in this way.
+    ///
+    /// # Errors
+    /// [`Error::Model`].
+    pub fn network(self, model: Model) -> Result<Learned, Error> {
+        let options = NetPolicyConfig {
+            ensemble: self.ensemble,
+            sample_bins: self.sample,
+            mean_bins: self.mean,
+            threads: self.threads,
+            ..NetPolicyConfig::default()
+        };
+        Ok(Learned::new(model, options)?.with_masks(self.masks).with_ahead(self.ahead))
     }
 }

@@ -12,7 +12,7 @@ use super::guide::Guide;
 use super::ilqr::{Ilqr, IlqrConfig};
 use super::inference::Inference;
 use super::inverse::Inverse;
-use super::learned::{self, Learned, Linear};
+use super::learned::{self, Linear};
 use super::nearest::Nearest;
 use super::pd::Pd;
 use super::policy::Policy;
@@ -265,16 +265,7 @@ impl PolicyConfig {
             }
             PolicyName::Robert => {
                 let model = Arc::unwrap_or_clone(self.model(robot)?);
-                let Inference { ensemble, sample, mean, masks, ahead, threads, .. } =
-                    self.inference;
-                let options = robert_net::NetPolicyConfig {
-                    ensemble,
-                    sample_bins: sample,
-                    mean_bins: mean,
-                    threads,
-                    ..robert_net::NetPolicyConfig::default()
-                };
-                Box::new(Learned::new(model, options)?.with_masks(masks).with_ahead(ahead))
+                Box::new(self.inference.network(model)?)
             }
             PolicyName::Ridge => {
                 let model = self.model(robot)?;

@@ -8,6 +8,7 @@ use robert_net::token::TokenConfig;
 use robert_net::{
     AdamConfig, COMMAND, Facts, MaskGranularity, Mixing, NetConfig, SkipKind, TokenKind, WINDOW,
 };
+use robert_rollout::{Inference, PolicyConfig, PolicyName};
 
 /// The most steps; with the largest batch and all rounds every window still has its own number.
 const MOST_STEPS: u64 = 1_000_000_000_000;
@@ -107,6 +108,10 @@ pub struct TrainConfig {
     /// The tasks that choose the best checkpoint.
     #[serde(default)]
     pub select: Select,
+    /// How the network performs these tasks: options of a policy, such as `+mean+ahead=2+smooth`. Without options it
+    /// sees all goals and masks, and its most likely bin acts.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub select_with: String,
     /// Seed of all random choices: weights, batches, masks, split.
     pub seed: u64,
 }
@@ -184,6 +189,7 @@ impl Default for TrainConfig {
             ridge_penalty: None,
             leave_pressing: false,
             select: Select::Tasks,
+            select_with: String::new(),
             seed: 0,
         }
     }
@@ -272,7 +278,8 @@ impl TrainConfig {
         }
         let mut table = toml::Table::try_from(&*self).map_err(|e| fail(e.to_string()))?;
         // A setting without a value is not in the table, but may be given one.
-        let given = TrainConfig { ridge_penalty: Some(0.0), ..self.clone() };
+        let given =
+            TrainConfig { ridge_penalty: Some(0.0), select_with: "+".to_owned(), ..self.clone() };
         let known = toml::Table::try_from(given).map_err(|e| fail(e.to_string()))?;
         let Some(old) = known.get(key) else {
             let keys: Vec<_> = known.keys().map(String::as_str).collect();
@@ -330,9 +337,25 @@ impl TrainConfig {
             () if !(1..=1_000_000).contains(&self.self_tasks) => {
                 refuse("self_tasks", "takes 1 to a million")
             }
+            () if self.selecting_policy().is_none() => refuse(
+                "select_with",
+                "takes options of a network: +guide, +smooth, +sample, +mean, +masks, +ahead=N or +ensemble=N",
+            ),
             () if self.seed > i64::MAX as u64 => refuse("seed", "takes 63 bits"),
             () => Ok(()),
         }
+    }
+
+    /// The policy that performs the tasks which choose the best checkpoint, without its model; `None` if
+    /// `select_with` has no such options.
+    pub(super) fn selecting_policy(&self) -> Option<PolicyConfig> {
+        let policy: PolicyConfig = format!("robert{}", self.select_with).parse().ok()?;
+        let network = PolicyConfig {
+            guide: policy.guide,
+            inference: Inference { gain: false, ..policy.inference },
+            ..PolicyConfig::new(PolicyName::Robert)
+        };
+        (policy == network).then_some(policy)
     }
 
     /// Refuses sizes that are invalid for every robot, before data are read. Call it when all
@@ -427,6 +450,8 @@ mod tests {
         assert_eq!(cfg.steps, 2500);
         cfg.set("ridge_penalty=1e-6").unwrap();
         assert_eq!(cfg.ridge_penalty, Some(1e-6));
+        cfg.set("select_with=+mean+ahead=2+smooth").unwrap();
+        assert_eq!(cfg.selecting_policy().unwrap().label(), "robert+mean+ahead=2+smooth");
         assert_eq!((cfg.lr, cfg.tokens, cfg.current_only), (2e-4, TokenKind::PosD, true));
         let before = cfg.clone();
         for bad in
@@ -437,6 +462,10 @@ mod tests {
                     "steps=2000000000000",
                     "ridge_history=31",
                     "ridge_penalty=-1",
+                    "select_with=mean",
+                    "select_with=:adaptive",
+                    "select_with=+refine",
+                    "select_with=+gain",
                 ])
         {
             let e = cfg.set(bad).unwrap_err().to_string();

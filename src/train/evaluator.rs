@@ -7,17 +7,17 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::{Evaluate, Evaluation, Select};
+use super::{Evaluate, Evaluation, Select, TrainConfig};
 use robert_base::progress::Cancel;
 use robert_clip::{self as clip, Command};
 use robert_dataset::Dataset;
 use robert_linalg::{next_of, on_threads};
+use robert_net::Model;
 use robert_net::forward::Forwards;
-use robert_net::{Model, NetPolicyConfig};
 use robert_robot::Robot;
 use robert_rollout::{
-    ClipFacts as _, Learned, Linear, Policy, Rollout, RolloutConfig, Start, extracted_cases, tasks,
-    test_suites,
+    ClipFacts as _, Guide, Inference, Linear, Policy, Rollout, RolloutConfig, Start,
+    extracted_cases, tasks, test_suites,
 };
 
 /// Suites that count for the selection; the others are for the report.
@@ -30,6 +30,8 @@ pub struct SuiteEvaluator {
     robot: Arc<Robot>,
     cases: Vec<Case>,
     select: Select,
+    guide: Guide,
+    inference: Inference,
     threads: usize,
     /// The card that computes the networks, and the rollouts at once that keep it busy.
     device: Option<(Arc<dyn Forwards + Send>, usize)>,
@@ -85,6 +87,8 @@ impl SuiteEvaluator {
             robot,
             cases,
             select,
+            guide: Guide::None,
+            inference: Inference::default(),
             threads,
             device: None,
         }))
@@ -97,17 +101,22 @@ impl SuiteEvaluator {
         self
     }
 
-    /// The tasks that a run selects by: with [`Select::Extracted`] the suite `manual`, or else the
-    /// trial clips, and tasks extracted from the held-out part of `data`, drawn by `seed`.
+    /// The tasks that a run selects by, and how the network performs them: with [`Select::Extracted`]
+    /// the suite `manual`, or else the trial clips, and tasks extracted from the held-out part of
+    /// `data`, drawn by the seed of the run.
     ///
     /// # Errors
     /// A message, when the data have no held-out trajectory that is long enough.
-    pub fn selecting(mut self, select: Select, data: &Dataset, seed: u64) -> Result<Self, String> {
-        self.select = select;
-        if select == Select::Extracted {
+    pub fn selecting(mut self, cfg: &TrainConfig, data: &Dataset) -> Result<Self, String> {
+        cfg.check().map_err(|e| e.to_string())?;
+        self.select = cfg.select;
+        if let Some(policy) = cfg.selecting_policy() {
+            (self.guide, self.inference) = (policy.guide, policy.inference);
+        }
+        if cfg.select == Select::Extracted {
             self.cases.retain(|c| c.suite != "extra");
             let count = extracted_cases(self.robot.id());
-            let suites = test_suites(&self.robot, data, count, seed).map_err(|e| {
+            let suites = test_suites(&self.robot, data, count, cfg.seed).map_err(|e| {
                 format!("select=extracted: {e}; or choose by shipped tasks: --set select=tasks")
             })?;
             for suite in suites {
@@ -125,8 +134,7 @@ impl SuiteEvaluator {
 
 impl Evaluate for SuiteEvaluator {
     fn evaluate(&mut self, model: &Model, cancel: &Cancel) -> Result<Option<Evaluation>, String> {
-        let policy = Learned::new(model.clone(), NetPolicyConfig::default());
-        let mut policy = policy.map_err(|e| e.to_string())?;
+        let mut policy = self.inference.network(model.clone()).map_err(|e| e.to_string())?;
         let mut threads = self.threads;
         if let Some((device, at_once)) = &self.device {
             policy.on(&**device);
@@ -192,7 +200,8 @@ impl SuiteEvaluator {
         cancel: &Cancel,
     ) -> Result<f64, String> {
         let text = |e: robert_rollout::Error| format!("{}: {e}", case.name);
-        let (start, config) = (case.start.clone(), RolloutConfig::default());
+        let start = case.start.clone();
+        let config = RolloutConfig { guide: self.guide, ..RolloutConfig::default() };
         let mut rollout = Rollout::new(&self.robot, Box::new(policy), &case.command, start, config)
             .map_err(text)?;
         while !rollout.is_done() && !cancel.is_cancelled() {
@@ -229,7 +238,9 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let (robot, data, model) = untrained("pointmass", 0, dir.path());
         let evaluator = SuiteEvaluator::new(robot, 2).unwrap().unwrap();
-        let mut evaluator = evaluator.selecting(Select::Extracted, &data, 0).unwrap();
+        let mut evaluator = evaluator
+            .selecting(&TrainConfig { select: Select::Extracted, ..TrainConfig::default() }, &data)
+            .unwrap();
         let found = evaluator.evaluate(&model, &Cancel::default()).unwrap().unwrap();
         let tasks: Vec<f64> =
             found.suites.iter().filter(|(k, _)| k.contains('/')).map(|(_, x)| *x).collect();
@@ -237,5 +248,23 @@ mod tests {
         assert_eq!(tasks.len(), 33, "{:?}", found.suites.keys());
         let mean = tasks.iter().sum::<f64>() / 33.0;
         assert!((found.precision - mean).abs() < 1e-12, "{} {mean}", found.precision);
+    }
+
+    #[test]
+    fn tasks_are_performed_with_the_options_that_a_run_selects_with() {
+        let dir = tempfile::tempdir().unwrap();
+        let (robot, data, model) = untrained("pointmass", 0, dir.path());
+        let [bare, guided] = ["", "+smooth"].map(|options| {
+            let cfg = TrainConfig { select_with: options.to_owned(), ..TrainConfig::default() };
+            let evaluator = SuiteEvaluator::new(Arc::clone(&robot), 2).unwrap().unwrap();
+            let mut evaluator = evaluator.selecting(&cfg, &data).unwrap();
+            evaluator.evaluate(&model, &Cancel::default()).unwrap().unwrap().suites
+        });
+        // Only sparse goals have gaps.
+        assert_eq!(bare["manual"].to_bits(), guided["manual"].to_bits());
+        assert_ne!(bare["extra"].to_bits(), guided["extra"].to_bits());
+        let cfg = TrainConfig { select_with: "+refine".to_owned(), ..TrainConfig::default() };
+        let evaluator = SuiteEvaluator::new(robot, 2).unwrap().unwrap();
+        assert!(evaluator.selecting(&cfg, &data).unwrap_err().contains("select_with"));
     }
 }

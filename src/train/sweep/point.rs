@@ -50,7 +50,7 @@ impl Point<'_> {
         let mut evaluator = None;
         if evaluations > 0 {
             evaluator = SuiteEvaluator::new(Arc::clone(robot), work.threads)
-                .and_then(|e| e.map(|e| e.selecting(cfg.select, data, cfg.seed)).transpose())
+                .and_then(|e| e.map(|e| e.selecting(&cfg, data)).transpose())
                 .map_err(|why| Error::Evaluation { step: 0, why })?;
         }
         let options = Options {
