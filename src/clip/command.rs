@@ -404,7 +404,7 @@ impl Command {
         (self.frames != other.frames).then_some(common)
     }
 
-    /// First step whose action can differ when this command replaces `old`. It is 20 frames before
+    /// First step whose goals can differ when this command replaces `old`. It is 20 frames before
     /// the first changed frame, or the start of the blind span that ends there, because the virtual
     /// keys of that span depend on the changed goal.
     pub fn first_changed_step(&self, old: &Command) -> Option<u32> {

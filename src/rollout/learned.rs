@@ -84,6 +84,10 @@ impl Frames {
         Frames { granularity, reachable, masks: false, ahead: 0, q, visible }
     }
 
+    fn sees_plan(&self) -> bool {
+        self.reachable.is_some() && !self.masks
+    }
+
     fn fill(&mut self, window: &Window) {
         let s = window.dim();
         let mut put = |window: &Window| {
@@ -168,6 +172,10 @@ impl Learned {
 impl Policy for Learned {
     fn name(&self) -> String {
         "robert".to_owned()
+    }
+
+    fn sees_plan(&self) -> bool {
+        self.frames.sees_plan()
     }
 
     fn card(&self) -> Option<String> {
@@ -309,6 +317,10 @@ impl Linear {
 impl Policy for Linear {
     fn name(&self) -> String {
         "ridge".to_owned()
+    }
+
+    fn sees_plan(&self) -> bool {
+        self.frames.sees_plan()
     }
 
     fn card(&self) -> Option<String> {

@@ -30,6 +30,11 @@ pub trait Policy: Send {
         false
     }
 
+    /// Whether it sees the planned motion through gaps, [`Window::way`], beside the goals.
+    fn sees_plan(&self) -> bool {
+        false
+    }
+
     /// The model card of a learned policy, JSON.
     fn card(&self) -> Option<String> {
         None

@@ -38,6 +38,10 @@ impl Policy for Refined {
         true
     }
 
+    fn sees_plan(&self) -> bool {
+        self.inner.sees_plan()
+    }
+
     fn card(&self) -> Option<String> {
         self.inner.card()
     }

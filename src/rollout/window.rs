@@ -18,6 +18,8 @@ pub struct Goals {
     dim: usize,
     /// Command where visible, virtual value elsewhere; (frames, dim).
     q: Vec<f64>,
+    /// The same with smooth motion in every gap; see [`Goals::find_way`]. (frames, dim).
+    way: Vec<f64>,
     /// (frames, dim).
     visible: Vec<bool>,
     /// Whether this frame is in a gap whose straight line may be used; (frames, dim).
@@ -38,6 +40,7 @@ impl Goals {
             frames,
             dim,
             q: vec![0.0; frames * dim],
+            way: Vec::new(),
             visible: vec![false; frames * dim],
             in_gap: vec![false; frames * dim],
             last: vec![true; frames * dim],
@@ -53,6 +56,7 @@ impl Goals {
             *visible = command.sees((i / dim) as u32, i % dim);
         }
         goals.find_gaps();
+        goals.find_way();
         for (to, q) in goals.end.iter_mut().zip(command.held_end()) {
             *to = f64::from(q);
         }
@@ -79,22 +83,34 @@ impl Goals {
         }
     }
 
+    /// Plans smooth motion in every gap, from each goal of a joint to its next one; see
+    /// [`curve::between`]. After its last goal a joint stays. The plan begins at rest, also where a
+    /// recording begins in motion.
+    fn find_way(&mut self) {
+        let mut way = self.q.clone();
+        for j in 0..self.dim {
+            for (f, q) in curve::between(&self.knots(j)) {
+                way[f * self.dim + j] = q;
+            }
+        }
+        self.way = way;
+    }
+
     /// The goals of joint `j`, the start first: frame, value.
     fn knots(&self, j: usize) -> Vec<Knot> {
         let seen = (1..self.frames).filter(|&f| self.is_visible(f, j));
         std::iter::once(0).chain(seen).map(|f| (f, self.row(f)[j])).collect()
     }
 
-    /// These goals with smooth motion in every gap, from each goal of a joint to its next one; see
-    /// [`curve::between`]. Frames after the last goal stay hidden. The plan
-    /// begins at rest, also where a recording begins in motion.
+    /// These goals with the smooth motion of [`Goals::find_way`] as goals. Frames after the last goal
+    /// stay hidden.
     #[must_use]
     pub(super) fn smooth(&self) -> Goals {
         let mut filled = self.clone();
-        for j in 0..self.dim {
-            for (f, q) in curve::between(&self.knots(j)) {
-                filled.q[f * self.dim + j] = q;
-                filled.visible[f * self.dim + j] = true;
+        for i in self.dim..self.q.len() {
+            if !self.last[i] {
+                filled.q[i] = self.way[i];
+                filled.visible[i] = true;
             }
         }
         filled.find_gaps();
@@ -117,7 +133,9 @@ impl Goals {
                 let ((from, a), (to, b)) = (pair[0], pair[1]);
                 for f in from + 1..=to.min(self.frames - 1) {
                     let share = (f - from) as f64 / (to - from) as f64;
-                    moved.q[f * d + j] += a + share * (b - a);
+                    let by = a + share * (b - a);
+                    moved.q[f * d + j] += by;
+                    moved.way[f * d + j] += by;
                 }
             }
             moved.end[j] += rest.1;
@@ -176,6 +194,22 @@ impl Goals {
         (self.frames != other.frames).then_some(common)
     }
 
+    /// As [`Goals::first_difference`], for the planned motion through gaps of policies that see it. A
+    /// gap shows it in windows from its start on; windows in the gap before also do, if the goals
+    /// between them are few. Where the goals differ, too, that comes first.
+    pub(super) fn first_other_plan(&self, other: &Goals) -> Option<usize> {
+        let (frames, d) = (self.frames.min(other.frames), self.dim);
+        let first = |j: usize| {
+            let differs =
+                |f: &usize| self.way[f * d + j].to_bits() != other.way[f * d + j].to_bits();
+            let f = (1..frames).find(differs)?;
+            let start = (0..f).rev().find(|g| self.is_visible(*g, j)).unwrap_or(0);
+            let before = (0..start).rev().find(|g| !self.is_visible(*g, j)).unwrap_or(0);
+            Some(if before > 0 && f <= before + COMMAND { f } else { start + COMMAND })
+        };
+        (0..d).filter_map(first).min()
+    }
+
     /// Overwrites a goal that no policy may read; visible and virtual goals are unchanged.
     #[cfg(test)]
     pub(super) fn poison_hidden(&mut self, i: usize, value: f64) {
@@ -191,7 +225,7 @@ impl Goals {
     /// stays free: it would go back to a goal of long ago, and pull others along where loops are closed.
     fn show(&self, t: usize, window: &mut Window) {
         let last = self.frames.saturating_sub(1);
-        let Window { command: q, visible, end, free, passing, .. } = window;
+        let Window { command: q, visible, way, end, free, passing, .. } = window;
         match t + COMMAND {
             f if f > last => {
                 end.copy_from_slice(&self.end);
@@ -207,10 +241,13 @@ impl Goals {
             let rows = i * self.dim..(i + 1) * self.dim;
             if f > last {
                 q[rows.clone()].copy_from_slice(&self.end);
+                way[rows.clone()].copy_from_slice(&self.end);
                 visible[rows].iter_mut().zip(&self.end_free).for_each(|(seen, free)| *seen = !free);
             } else {
+                let of = f * self.dim..(f + 1) * self.dim;
                 q[rows.clone()].copy_from_slice(self.row(f));
-                visible[rows].copy_from_slice(&self.visible[f * self.dim..(f + 1) * self.dim]);
+                way[rows.clone()].copy_from_slice(&self.way[of.clone()]);
+                visible[rows].copy_from_slice(&self.visible[of]);
             }
         }
         for (j, (free, passing)) in free.iter_mut().zip(passing).enumerate() {
@@ -237,6 +274,9 @@ pub struct Window {
     pub command: Vec<f64>,
     /// Whether each goal counts, that of the last frame also for a joint that is `passing`; (20, dim).
     pub visible: Vec<bool>,
+    /// Goals where visible, planned smooth motion between them, and after its last goal where a joint
+    /// stays; (20, dim).
+    pub way: Vec<f64>,
     /// The value at the end of the window for a joint without a goal of its own inside it: the point on the
     /// line to its next goal, or the last goal if there is no next one; (dim).
     pub end: Vec<f64>,
@@ -255,6 +295,7 @@ impl Window {
             current: vec![0.0; dim],
             command: vec![0.0; COMMAND * dim],
             visible: vec![false; COMMAND * dim],
+            way: vec![0.0; COMMAND * dim],
             end: vec![0.0; dim],
             free: vec![false; dim],
             passing: vec![false; dim],

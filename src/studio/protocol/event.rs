@@ -66,7 +66,7 @@ pub enum Event {
         history: History,
         /// First compiled frame that differs.
         first_changed_frame: Option<u32>,
-        /// First rollout step that can differ.
+        /// First rollout step whose goals differ; the plan through a gap may change before.
         first_changed_step: Option<u32>,
     },
     /// The answer to a request that is not an edit, or that was refused.
