@@ -15,16 +15,13 @@
 //! half of the time and most of it in the last second.
 
 use super::curve::{Knot, Piece, mean_speed, passing_speed};
-use super::window::{COMMAND, Window};
-
-/// Frames in which a joint is led back to the planned motion. With 5 the joints of the arm that should
-/// stay swing more, with 12 the slow joints of the hand lag more.
-const BACK: usize = 8;
+use super::window::{BACK, COMMAND, Window};
 
 /// Share of a joint's highest speed above which a curve becomes straighter.
 const BRISK: f64 = 0.8;
 
-/// Fills every hidden goal of the window and marks it as visible. `speed` is the fastest
+/// Fills every hidden goal of the window and marks it as visible; joints in the middle of a gap count
+/// as free. `speed` is the fastest
 /// change of each joint in a frame, rad or m; (S).
 pub(super) fn infill(window: &mut Window, speed: &[f64]) {
     let d = window.dim();
@@ -51,8 +48,10 @@ pub(super) fn infill(window: &mut Window, speed: &[f64]) {
         for i in end..COMMAND {
             window.command[i * d + j] = rest;
         }
+        // Joints that are coupled to one with a goal then give way to it.
         let planned = end > BACK && goals.get(1).is_none_or(|first| first.0 > BACK);
         if planned {
+            window.free[j] = true;
             for i in (0..end).filter(|i| passing || !window.visible[i * d + j]) {
                 window.command[i * d + j] = window.way[i * d + j];
             }

@@ -7,8 +7,8 @@
 //! ```
 //!
 //! because actions cannot change it: on the hand, the difference of two joints on one tendon. A
-//! joint without any remaining goal has almost no weight, so that a goal for its neighbour on the
-//! tendon is met exactly. Everything here comes from the data in the model file; the simulator's
+//! joint without any remaining goal, or in the middle of a gap, has almost no weight, so that a goal
+//! for its neighbour on the tendon is met exactly. Everything here comes from the data in the model file; the simulator's
 //! model of the robot is not used.
 
 use nalgebra::{DMatrix, DVector};
@@ -24,7 +24,7 @@ use robert_net::reach::Reach;
 /// whose full action is metres away. On some 40 robots the least driven direction is above .08, and
 /// joints that never left their stops have 0.
 const DRIVEN: f64 = 1e-2;
-/// Weight of a joint without a goal relative to one with a goal.
+/// Weight of a free joint relative to one with a goal.
 const FREE: f64 = 1e-3;
 
 /// The map from goals to reachable goals, for one robot.
@@ -60,7 +60,8 @@ impl Reachable {
         let Some(basis) = &self.basis else { return };
         let weighted;
         let project = match &self.project {
-            Some(whole) if !window.free.contains(&true) => whole,
+            // If all weights are equal, they do not count.
+            Some(whole) if window.free.windows(2).all(|w| w[0] == w[1]) => whole,
             _ => match weigh(basis, &window.free) {
                 Some(found) => {
                     weighted = found;
@@ -156,6 +157,19 @@ mod tests {
             w.visible[i * 3 + 1] = false;
         }
         hand().fill(&mut w);
+        hand().project(&mut w);
+        assert!(near(&w.command[..3], [0.6, 0.6, 0.3]), "{:?}", &w.command[..3]);
+    }
+
+    #[test]
+    fn a_joint_in_the_middle_of_a_gap_gives_way_to_its_neighbour() {
+        let mut w = window([0.6, 0.1, 0.3], [0.0, 0.0, 0.0]);
+        w.passing[1] = true;
+        for i in 0..COMMAND - 1 {
+            w.visible[i * 3 + 1] = false;
+        }
+        hand().fill(&mut w);
+        assert_eq!(w.free, [false, true, false]);
         hand().project(&mut w);
         assert!(near(&w.command[..3], [0.6, 0.6, 0.3]), "{:?}", &w.command[..3]);
     }

@@ -6,6 +6,11 @@ use robert_clip::Command;
 
 pub use robert_net::{COMMAND, HISTORY};
 
+/// Frames in which [`super::infill`] leads a joint back to the planned motion; only where it has no goal
+/// in these frames. With 5 the joints of the arm that should stay swing more, with 12 the slow joints of
+/// the hand lag more.
+pub(super) const BACK: usize = 8;
+
 /// A compiled command with virtual keyframes and the held end.
 ///
 /// Training always leaves one command frame visible, so a completely masked window would be outside
@@ -205,7 +210,8 @@ impl Goals {
             let f = (1..frames).find(differs)?;
             let start = (0..f).rev().find(|g| self.is_visible(*g, j)).unwrap_or(0);
             let before = (0..start).rev().find(|g| !self.is_visible(*g, j)).unwrap_or(0);
-            Some(if before > 0 && f <= before + COMMAND { f } else { start + COMMAND })
+            let sees = before > 0 && f <= before + COMMAND - BACK;
+            Some(if sees { f } else { start + COMMAND })
         };
         (0..d).filter_map(first).min()
     }
@@ -280,7 +286,8 @@ pub struct Window {
     /// The value at the end of the window for a joint without a goal of its own inside it: the point on the
     /// line to its next goal, or the last goal if there is no next one; (dim).
     pub end: Vec<f64>,
-    /// Joints without a goal in the window or after it; (dim).
+    /// Joints without a goal in the window or after it; in a filled window also those in the middle of a
+    /// gap; (dim).
     pub free: Vec<bool>,
     /// Joints without a goal of their own in the window that have one after it; (dim).
     pub passing: Vec<bool>,
