@@ -167,8 +167,9 @@ pub(crate) fn train(
     let data = py.detach(|| Dataset::open(&data, Verify::Full)).map_err(raise)?;
     data.must_be_of(&robot).map_err(raise)?;
     let threads = threads.unwrap_or_else(cores);
-    let mut evaluator =
-        SuiteEvaluator::new(Arc::clone(&robot), threads).map_err(InvalidInput::new_err)?;
+    let mut evaluator = SuiteEvaluator::new(Arc::clone(&robot), threads)
+        .and_then(|e| e.map(|e| e.selecting(&config, &data)).transpose())
+        .map_err(InvalidInput::new_err)?;
     let mut perform = Simulated { robot: Arc::clone(&robot), threads };
     let done = listened(py, progress, |listener, cancel| {
         let options = Options {

@@ -518,8 +518,12 @@ const FIGURES: [(&str, PolicyFigure); 7] = [
     }),
     ("gap overshoot", |e| {
         e.tasks.iter().any(|t| t.gap.is_some()).then(|| {
-            let over = |t: &CaseResult| Some(t.gap.as_ref()?.overshoot.as_ref()?.value);
-            worst_of(e, over).map_or_else(|| "none".to_owned(), |o| format!("{o:.3}"))
+            let all = e.tasks.iter().filter_map(|t| t.gap.as_ref()?.overshoot.as_ref());
+            match worst_of(e, |t| Some(t.gap.as_ref()?.overshoot.as_ref()?.value)) {
+                None => "none".to_owned(),
+                Some(worst) if all.clone().all(|o| o.by_contact) => format!("{worst:.3} by touch"),
+                Some(worst) => format!("{worst:.3}"),
+            }
         })
     }),
     ("gap jerk", |e| {

@@ -24,6 +24,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::error::Error;
 use super::jam;
 use super::run::Rollout;
 use super::spline;
@@ -76,6 +77,10 @@ pub struct Overshoot {
     pub joint: String,
     /// The frame.
     pub frame: usize,
+    /// Whether contact forces it and every other overshoot of the rollout: repeated with the same actions
+    /// where nothing touches, no joint leaves its allowance on the same side.
+    #[serde(default)]
+    pub by_contact: bool,
 }
 
 /// The motion inside the gaps of one rollout.
@@ -134,7 +139,18 @@ impl GapFigures {
     /// The figures of a rollout so far. `None` if nothing is masked.
     pub fn of(rollout: &Rollout) -> Option<GapFigures> {
         let joints = rollout.robot().joints().iter().map(|j| j.name.clone());
-        GapFigures::measure(rollout.goals(), rollout.states(), &joints.collect::<Vec<_>>())
+        let joints: Vec<_> = joints.collect();
+        let mut found = GapFigures::measure(rollout.goals(), rollout.states(), &joints)?;
+        if let Some(overshoot) = &mut found.overshoot {
+            let (goals, states) = (rollout.goals(), rollout.states());
+            let motion = Motion { states, dim: goals.dim() };
+            let gaps = gaps(goals, motion.frames().min(goals.frames()));
+            overshoot.by_contact = gaps.iter().all(|gap| {
+                let over = overshoots(&motion, goals, gap);
+                over.is_empty() || forced(rollout, gap, &over).unwrap_or(false)
+            });
+        }
+        Some(found)
     }
 
     /// Measures `states` (30 of history, then frames 0..=t; (30 + t + 1, S)); `joints` are the
@@ -145,10 +161,10 @@ impl GapFigures {
         let mut found = GapFigures { gaps: gaps.len(), ..GapFigures::default() };
         let (mut paths, mut jerks) = (Vec::new(), Vec::new());
         for gap in &gaps {
-            for (value, frame, joint) in overshoots(&motion, goals, gap) {
+            for Beyond { value, frame, joint, .. } in overshoots(&motion, goals, gap) {
                 if found.overshoot.as_ref().is_none_or(|o| value > o.value) {
                     let joint = joints[joint].clone();
-                    found.overshoot = Some(Overshoot { value, joint, frame });
+                    found.overshoot = Some(Overshoot { value, joint, frame, by_contact: false });
                 }
             }
             let straight = motion.distance(gap.from, gap.to, &gap.joints);
@@ -200,9 +216,19 @@ fn gaps(goals: &Goals, frames: usize) -> Vec<Gap> {
     found.into_iter().map(|((from, to), joints)| Gap { from, to, joints }).collect()
 }
 
-/// For each joint that leaves its allowance, the largest overshoot: (excess over the allowance,
-/// frame, joint).
-fn overshoots(motion: &Motion, goals: &Goals, gap: &Gap) -> Vec<(f64, usize, usize)> {
+/// The largest overshoot of a joint in a gap.
+struct Beyond {
+    joint: usize,
+    frame: usize,
+    /// Distance beyond the allowance.
+    value: f64,
+    /// The end of the allowance on this side, and whether it is the upper one.
+    limit: f64,
+    above: bool,
+}
+
+/// The largest overshoot of each joint that leaves its allowance.
+fn overshoots(motion: &Motion, goals: &Goals, gap: &Gap) -> Vec<Beyond> {
     let goal = |f: usize, j: usize| {
         if goals.is_visible(f, j) { goals.row(f)[j] } else { motion.at(f as isize, j) }
     };
@@ -220,13 +246,27 @@ fn overshoots(motion: &Motion, goals: &Goals, gap: &Gap) -> Vec<(f64, usize, usi
         };
         let farthest = (gap.from + 1..gap.to).max_by(|&f, &g| beyond(f).total_cmp(&beyond(g)));
         if let Some(frame) = farthest {
-            let value = beyond(frame) - ALLOWANCE - ALLOWED_SHARE * (b - a).abs();
+            let allowed = ALLOWANCE + ALLOWED_SHARE * (b - a).abs();
+            let value = beyond(frame) - allowed;
             if value > 0.0 {
-                found.push((value, frame, j));
+                let above = motion.at(frame as isize, j) > hi;
+                let limit = if above { hi + allowed } else { lo - allowed };
+                found.push(Beyond { joint: j, frame, value, limit, above });
             }
         }
     }
     found
+}
+
+/// Whether none of these overshoots of a gap happens if the gap is repeated with the same actions where
+/// nothing touches.
+fn forced(rollout: &Rollout, gap: &Gap, over: &[Beyond]) -> Result<bool, Error> {
+    let alone = rollout.without_contact(gap.from, gap.to)?;
+    let dim = rollout.goals().dim();
+    Ok(over.iter().all(|o| {
+        let mut reached = alone.chunks_exact(dim).map(|q| q[o.joint]);
+        reached.all(|q| if o.above { q <= o.limit } else { q >= o.limit })
+    }))
 }
 
 /// The first of the four frames of every third difference inside the gap and its two ends;
@@ -375,8 +415,9 @@ pub(super) fn unnatural_places(goals: &Goals, states: &[f64]) -> Vec<Unnatural> 
     let gaps = gaps(goals, motion.frames().min(goals.frames()));
     let mut found = Vec::new();
     let all = gaps.iter().flat_map(|gap| overshoots(&motion, goals, gap));
-    if let Some((value, frame, joint)) = all.max_by(|a, b| a.0.total_cmp(&b.0)) {
-        found.push(Unnatural { frame, joint, penalty: counted(SWING_WEIGHT * value) });
+    if let Some(over) = all.max_by(|a, b| a.value.total_cmp(&b.value)) {
+        let penalty = counted(SWING_WEIGHT * over.value);
+        found.push(Unnatural { frame: over.frame, joint: over.joint, penalty });
     }
     let figures = GapFigures::measure(goals, states, &names(goals)).unwrap_or_default();
     let excess = figures.jerk.map_or(0.0, |j| j - MOST_JERK);

@@ -6,7 +6,8 @@
 //! edited clip is simulated again only from the first frame that can differ.
 //!
 //! Rejected: policies as functions of the whole clip. A planner that sees all frames would break
-//! that rule and could not be compared with the learned policy, which sees only 20 frames ahead.
+//! that rule and could not be compared with the learned policy, which sees only 20 frames ahead. (Inside
+//! a gap those frames are of a plan that leads to the next goal, however far that is.)
 
 mod actuation;
 mod adaptive_computed_torque;

@@ -131,7 +131,7 @@ mod tests {
         window.history = current.repeat(window.history.len() / 3);
         window.command = goal.repeat(COMMAND);
         window.visible.fill(true);
-        window.way.copy_from_slice(&window.command);
+        window.way.clone_from(&window.command);
         window.end.copy_from_slice(&goal);
         window
     }

@@ -179,7 +179,7 @@ impl Goals {
     }
 
     /// The first frame whose goals differ in a way that changes some window; `None` if rollouts of
-    /// both give the same motion. Both must be for the same robot.
+    /// both give the same motion, but for policies that see the plan through gaps. Both must be for the same robot.
     pub fn first_difference(&self, other: &Goals) -> Option<usize> {
         let common = self.frames.min(other.frames);
         for f in 0..common {
@@ -200,20 +200,30 @@ impl Goals {
     }
 
     /// As [`Goals::first_difference`], for the planned motion through gaps of policies that see it. A
-    /// gap shows it in windows from its start on; windows in the gap before also do, if the goals
-    /// between them are few. Where the goals differ, too, that comes first.
+    /// gap shows it in windows from its start on. A window before shows it as well if a single goal
+    /// begins the gap, or if it is inside another gap. Where the goals differ, too, that comes first.
     pub(super) fn first_other_plan(&self, other: &Goals) -> Option<usize> {
         let (frames, d) = (self.frames.min(other.frames), self.dim);
-        let first = |j: usize| {
-            let differs =
-                |f: &usize| self.way[f * d + j].to_bits() != other.way[f * d + j].to_bits();
-            let f = (1..frames).find(differs)?;
-            let start = (0..f).rev().find(|g| self.is_visible(*g, j)).unwrap_or(0);
-            let before = (0..start).rev().find(|g| !self.is_visible(*g, j)).unwrap_or(0);
-            let sees = before > 0 && f <= before + COMMAND - BACK;
-            Some(if sees { f } else { start + COMMAND })
-        };
-        (0..d).filter_map(first).min()
+        let mut first = None;
+        for j in 0..d {
+            // The last frame with a goal, and the last one without a goal before that.
+            let (mut start, mut before) = (0, 0);
+            for f in 1..frames {
+                let i = f * d + j;
+                if self.visible[i] {
+                    if start + 1 < f {
+                        before = f - 1;
+                    }
+                    start = f;
+                } else if self.way[i].to_bits() != other.way[i].to_bits() {
+                    let single = before > 0 && before + 1 == start;
+                    let inside = before > 0 && f <= before + COMMAND - BACK;
+                    let from = if single || inside { f } else { start + COMMAND - 1 };
+                    first = Some(first.map_or(from, |first: usize| first.min(from)));
+                }
+            }
+        }
+        first
     }
 
     /// Overwrites a goal that no policy may read; visible and virtual goals are unchanged.
@@ -232,6 +242,7 @@ impl Goals {
     fn show(&self, t: usize, window: &mut Window) {
         let last = self.frames.saturating_sub(1);
         let Window { command: q, visible, way, end, free, passing, .. } = window;
+        way.resize(COMMAND * self.dim, 0.0);
         match t + COMMAND {
             f if f > last => {
                 end.copy_from_slice(&self.end);
@@ -281,7 +292,7 @@ pub struct Window {
     /// Whether each goal counts, that of the last frame also for a joint that is `passing`; (20, dim).
     pub visible: Vec<bool>,
     /// Goals where visible, planned smooth motion between them, and after its last goal where a joint
-    /// stays; (20, dim).
+    /// stays; (20, dim), or empty if the goals before the window are not known.
     pub way: Vec<f64>,
     /// The value at the end of the window for a joint without a goal of its own inside it: the point on the
     /// line to its next goal, or the last goal if there is no next one; (dim).
@@ -302,7 +313,7 @@ impl Window {
             current: vec![0.0; dim],
             command: vec![0.0; COMMAND * dim],
             visible: vec![false; COMMAND * dim],
-            way: vec![0.0; COMMAND * dim],
+            way: Vec::new(),
             end: vec![0.0; dim],
             free: vec![false; dim],
             passing: vec![false; dim],

@@ -108,8 +108,7 @@ pub struct TrainConfig {
     /// The tasks that choose the best checkpoint.
     #[serde(default)]
     pub select: Select,
-    /// How the network performs these tasks: options of a policy, such as `+mean+ahead=2+smooth`. Without options it
-    /// sees all goals and masks, and its most likely bin acts.
+    /// How the network performs these tasks: options of a policy, such as `+mean+ahead=2+smooth`; without any by default.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub select_with: String,
     /// Seed of all random choices: weights, batches, masks, split.

@@ -150,6 +150,10 @@ impl Evaluate for SuiteEvaluator {
         model: &Model,
         cancel: &Cancel,
     ) -> Result<Option<Evaluation>, String> {
+        if self.inference != Inference::default() {
+            // An untrained network gives the linear prediction, and it can be used in the same way.
+            return self.evaluate(model, cancel);
+        }
         let policy = Linear::new(model.encoder.clone()).map_err(|e| e.to_string())?;
         self.all(policy.with_card(&model.card), self.threads, cancel)
     }
@@ -254,7 +258,7 @@ mod tests {
     fn tasks_are_performed_with_the_options_that_a_run_selects_with() {
         let dir = tempfile::tempdir().unwrap();
         let (robot, data, model) = untrained("pointmass", 0, dir.path());
-        let [bare, guided] = ["", "+smooth"].map(|options| {
+        let [bare, guided, ahead] = ["", "+smooth", "+ahead=1"].map(|options| {
             let cfg = TrainConfig { select_with: options.to_owned(), ..TrainConfig::default() };
             let evaluator = SuiteEvaluator::new(Arc::clone(&robot), 2).unwrap().unwrap();
             let mut evaluator = evaluator.selecting(&cfg, &data).unwrap();
@@ -263,6 +267,7 @@ mod tests {
         // Only sparse goals have gaps.
         assert_eq!(bare["manual"].to_bits(), guided["manual"].to_bits());
         assert_ne!(bare["extra"].to_bits(), guided["extra"].to_bits());
+        assert_ne!(bare["manual"].to_bits(), ahead["manual"].to_bits());
         let cfg = TrainConfig { select_with: "+refine".to_owned(), ..TrainConfig::default() };
         let evaluator = SuiteEvaluator::new(robot, 2).unwrap().unwrap();
         assert!(evaluator.selecting(&cfg, &data).unwrap_err().contains("select_with"));
