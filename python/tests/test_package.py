@@ -184,6 +184,18 @@ def test_policies_act_as_the_rollout_does():
         policy.act(np.zeros((3, 5)), np.zeros((20, 5)), np.ones((20, 5), bool))
 
 
+def test_a_gap_begins_where_the_robot_is():
+    """Outside a rollout the goal before the window is unknown, so a joint is led from its own state."""
+    robot = rs.Robot("ur5e")
+    home = robot.home()
+    goals, seen = np.tile(home, (20, 1)), np.zeros((20, 5), bool)
+    seen[13] = True
+    history = np.tile(home, (31, 1))
+    still = rs.Policy("ur5e", "robert").act(history, goals, np.ones((20, 5), bool))
+    action = rs.Policy("ur5e", "robert").act(history, goals, seen)
+    assert np.abs(action - still).max() < 1e-3
+
+
 def test_evaluations_are_rows():
     rows = rs.evaluate({"reacher": rs.Clip.task("ur5e/reacher")}, ["pd", "computed-torque"], floors=False)
     assert [r["policy"] for r in rows] == ["pd", "computed-torque"]

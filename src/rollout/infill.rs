@@ -188,7 +188,7 @@ mod tests {
             let command = Command::from_dense(vec!["a".into()], vec![0.0], q, visible).unwrap();
             let mut w = Window::new(1);
             let reached: Vec<f64> =
-                (0..HISTORY + t + 1).map(|i| at(i.saturating_sub(HISTORY))).collect();
+                (0..=HISTORY + t).map(|i| at(i.saturating_sub(HISTORY))).collect();
             w.fill(t, &reached, &Goals::new(&command));
             infill(&mut w, &[1.0]);
             for (i, q) in w.command.iter().enumerate().take(90 - t) {
@@ -215,7 +215,7 @@ mod tests {
             let mut rng = Rng::new(11, Stream::Test, case);
             let frames = 30 + rng.below(60) as usize;
             let mut rows = vec![[None; JOINTS]; frames];
-            for _ in 0..1 + rng.below(8) {
+            for _ in 0..=rng.below(8) {
                 let (j, from) = (rng.below(2) as usize, rng.below(frames as u64) as usize);
                 let held = [1, 1, 3, 12][rng.below(4) as usize];
                 for row in &mut rows[from..(from + held).min(frames)] {
