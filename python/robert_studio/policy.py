@@ -45,8 +45,8 @@ class Policy:
         ``history`` (31, S) are the states of the last 30 frames and the present one, rad or m; ``goals`` (20, S) those
         of the next 20 frames; ``mask`` (20, S) is True where there is a goal. ``velocity`` (S) is for policies that
         use a model of the robot; without it, it is computed from the last two states. Inside the gaps of a clip the
-        rollout also knows the goal before the window and leads from there to the next one; here a joint without a goal is
-        led from its own state."""
+        rollout also knows the goal before the window and leads from there to the next one. Here a joint without a goal
+        is led from its own state."""
         dim = len(self.robot.joints)
         past = np.ascontiguousarray(history, dtype=np.float64)
         if past.shape != (HISTORY + 1, dim):
