@@ -12,10 +12,9 @@
 //! Rejected: the straight line everywhere (its jerk is four times that of minimum-jerk motion, and the
 //! hand is late at every hold); a curve that rests at each goal; leaving a plan that is faster than the
 //! joint ever was (more error on both robots; a gap at 95 % of the highest speed is missed by .02 after
-//! 30 frames); and always a curve from the reached
-//! state to the next goal or to the end of the window. In a motion of seconds the first frames of that
-//! curve ask for hardly anything, so the slow joints of the hand did a fifth of the way in the first
-//! half of the time and most of it in the last second.
+//! 30 frames); and always a curve from the reached state to the next goal or to the end of the window.
+//! In a motion of seconds the first frames of that curve ask for hardly anything, so the slow joints of
+//! the hand did a fifth of the way in the first half of the time and most of it in the last second.
 
 use super::curve::{Knot, Piece, mean_speed, passing_speed};
 use super::window::{BACK, COMMAND, Window};

@@ -295,8 +295,8 @@ impl Rollout {
 
     /// Replaces the command and keeps every frame that the change cannot affect. An action depends
     /// on 20 frames ahead, so a command that first differs at f leaves the actions before f - 20
-    /// unchanged, unless the policy sees a plan through the gap before. Returns the frame from which the rollout continues; the result has the same bits
-    /// as a rollout from the start.
+    /// unchanged, unless the policy sees a plan through the gap before. Returns the frame from which
+    /// the rollout continues; the result has the same bits as a rollout from the start.
     ///
     /// # Errors
     /// As [`Rollout::new`]; the rollout is then unchanged.
