@@ -7,9 +7,11 @@
 //! ```
 //!
 //! because actions cannot change it: on the hand, the difference of two joints on one tendon. A
-//! joint without any remaining goal, or in the middle of a gap, has almost no weight, so that a goal
-//! for its neighbour on the tendon is met exactly. Everything here comes from the data in the model file; the simulator's
-//! model of the robot is not used.
+//! joint without any remaining goal, or in the middle of a gap, has almost no weight beside a joint
+//! that it is coupled to and that has a goal, so that this goal is met exactly. Other joints keep
+//! their weight. The effect of actions is estimated and never exactly zero, so a joint with almost
+//! no weight would be sent far away to meet a goal on another finger. Everything here comes from the
+//! data in the model file; the simulator's model of the robot is not used.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -24,8 +26,11 @@ use robert_net::reach::Reach;
 /// whose full action is metres away. On some 40 robots the least driven direction is above .08, and
 /// joints that never left their stops have 0.
 const DRIVEN: f64 = 1e-2;
-/// Weight of a free joint relative to one with a goal.
+/// Weight of a free joint relative to the joints with goals that it is coupled to.
 const FREE: f64 = 1e-3;
+/// Two joints are coupled if their entry in the projection onto what actions do not move is above
+/// this. It is .5 for two joints on one tendon; the error of the estimate leaves less than .01.
+const COUPLED: f64 = 0.05;
 
 /// The map from goals to reachable goals, for one robot.
 #[derive(Clone, Debug)]
@@ -34,8 +39,10 @@ pub(super) struct Reachable {
     /// Orthonormal columns that span the directions that actions move, (S, r); `None` if these are
     /// all directions.
     basis: Option<DMatrix<f64>>,
-    /// Projection for a window whose joints all have goals, (S, S).
+    /// Projection for a window whose joints all have the same weight, (S, S).
     project: Option<DMatrix<f64>>,
+    /// The first joint of the group of coupled joints that each joint belongs to, (S).
+    group: Vec<usize>,
 }
 
 impl Reachable {
@@ -46,7 +53,8 @@ impl Reachable {
         let effect = DMatrix::from_fn(s, actions, |r, c| reach.effect[r][c]);
         let basis = driven(&effect, &reach.speed);
         let project = basis.as_ref().map(|q| q * q.transpose());
-        Reachable { speed: reach.speed.clone(), basis, project }
+        let group = project.as_ref().map_or_else(|| (0..s).collect(), groups);
+        Reachable { speed: reach.speed.clone(), basis, project, group }
     }
 
     /// Fills the gaps of a window; afterwards all its goals are visible.
@@ -54,15 +62,21 @@ impl Reachable {
         infill(window, &self.speed);
     }
 
+    /// The joints that give way: free ones that are coupled to one with a goal.
+    fn light(&self, free: &[bool]) -> Vec<bool> {
+        let asked = |group: usize| (0..free.len()).any(|j| !free[j] && self.group[j] == group);
+        free.iter().zip(&self.group).map(|(&free, &group)| free && asked(group)).collect()
+    }
+
     /// Projects the goals of a window onto what the robot can reach.
     pub(super) fn project(&self, window: &mut Window) {
         let d = window.dim();
         let Some(basis) = &self.basis else { return };
+        let light = self.light(&window.free);
         let weighted;
         let project = match &self.project {
-            // If all weights are equal, they do not count.
-            Some(whole) if window.free.windows(2).all(|w| w[0] == w[1]) => whole,
-            _ => match weigh(basis, &window.free) {
+            Some(whole) if !light.contains(&true) => whole,
+            _ => match weigh(basis, &light) {
                 Some(found) => {
                     weighted = found;
                     &weighted
@@ -79,6 +93,19 @@ impl Reachable {
             }
         }
     }
+}
+
+/// Groups of coupled joints, directly or through others; see [`Reachable::group`].
+fn groups(project: &DMatrix<f64>) -> Vec<usize> {
+    let joints = project.nrows();
+    let mut group: Vec<usize> = (0..joints).collect();
+    for (a, b) in (0..joints).flat_map(|a| (0..a).map(move |b| (a, b))) {
+        if project[(a, b)].abs() > COUPLED {
+            let (from, to) = (group[a].max(group[b]), group[a].min(group[b]));
+            group.iter_mut().filter(|g| **g == from).for_each(|g| *g = to);
+        }
+    }
+    group
 }
 
 /// The directions that actions can move; `None` if they move everything.
@@ -107,9 +134,9 @@ fn driven(effect: &DMatrix<f64>, speed: &[f64]) -> Option<DMatrix<f64>> {
 }
 
 /// The projection if some joints have almost no weight: Q (Qᵀ W Q)⁻¹ Qᵀ W.
-fn weigh(basis: &DMatrix<f64>, free: &[bool]) -> Option<DMatrix<f64>> {
+fn weigh(basis: &DMatrix<f64>, light: &[bool]) -> Option<DMatrix<f64>> {
     let weighted = DMatrix::from_fn(basis.nrows(), basis.ncols(), |r, c| {
-        basis[(r, c)] * if free[r] { FREE } else { 1.0 }
+        basis[(r, c)] * if light[r] { FREE } else { 1.0 }
     });
     let normal = basis.transpose() * &weighted;
     Some(basis * normal.cholesky()?.solve(&weighted.transpose()))
@@ -172,6 +199,22 @@ mod tests {
         assert_eq!(w.free, [false, true, false]);
         hand().project(&mut w);
         assert!(near(&w.command[..3], [0.6, 0.6, 0.3]), "{:?}", &w.command[..3]);
+    }
+
+    #[test]
+    fn goals_that_cannot_be_met_do_not_move_a_free_joint_that_has_no_part_in_them() {
+        // The estimate is a little wrong: the motor of the third joint seems to move the first one.
+        let effect = vec![vec![0.1, -0.003], vec![0.1, 0.0], vec![0.0, 0.2]];
+        let reachable = Reachable::new(&Reach { effect, speed: vec![1.0; 3] });
+        let mut w = window([0.6, 0.0, 0.3], [0.0, 0.0, 0.3]);
+        w.free[2] = true;
+        for i in 0..COMMAND {
+            w.visible[i * 3 + 2] = false;
+        }
+        reachable.fill(&mut w);
+        reachable.project(&mut w);
+        let goal = &w.command[..3];
+        assert!(goal.iter().zip([0.3, 0.3, 0.3]).all(|(a, b)| (a - b).abs() < 0.01), "{goal:?}");
     }
 
     #[test]
