@@ -647,6 +647,59 @@ fn pointers_of_git_lfs_are_named_and_can_be_left_out() {
 }
 
 #[test]
+fn an_mjcf_can_be_taken_without_the_files_that_are_missing() {
+    const ARM: &str = "<mujoco>
+        <asset>
+          <mesh name='link' file='link.stl'/><mesh file='tool.obj'/><mesh file='there.stl'/>
+          <texture name='wood' type='2d' file='wood.png'/><material name='skin' texture='wood'/>
+        </asset>
+        <worldbody><body><joint range='-90 90' damping='1'/>
+          <geom type='capsule' size='.02' fromto='0 0 0 .2 0 0' material='skin'/>
+          <geom type='mesh' mesh='link'/><geom type='mesh' mesh='there'/>
+          <body pos='.2 0 0'><joint name='j' range='-90 90' damping='1' axis='0 1 0'/>
+            <inertial pos='.1 0 0' mass='1' diaginertia='.01 .01 .01'/>
+            <geom type='mesh' mesh='tool'/></body>
+        </body></worldbody>
+        <actuator><motor joint='j' ctrlrange='-5 5'/></actuator>
+      </mujoco>";
+    let import = |more: &[&str]| {
+        robert()
+            .file("arm.xml", ARM)
+            .file("there.stl", tetrahedron_stl())
+            .args(["import", "arm.xml", "--out", "bot", "--json"])
+            .args(more)
+    };
+    let said = import(&[]).fails(3).stderr;
+    assert!(said.contains("arm.xml:3:11: mesh file \"link.stl\" does not exist"), "{said}");
+    assert!(said.contains("leave out what is missing: --without-meshes"), "{said}");
+    let ran = import(&["--without-meshes"]).succeeds();
+    let dropped = notes(&ran.json(), "dropped");
+    assert!(
+        dropped.contains("3 files that are missing (link, tool, wood), and 2 shapes made of them"),
+        "{dropped}"
+    );
+    let robot = Robot::from_folder(&ran.path("bot")).unwrap();
+    assert_eq!((robot.model().ngeom(), robot.state_dim()), (2, 2));
+    // A body that consists of a mesh alone has no mass without it.
+    let hollow = ARM.replace("<inertial pos='.1 0 0' mass='1' diaginertia='.01 .01 .01'/>", "");
+    let said = robot_without(&hollow);
+    assert!(said.contains("mass"), "{said}");
+    // What lies outside the folder is refused in any case.
+    let said = robot_without(&ARM.replace("link.stl", "../link.stl"));
+    assert!(said.contains("outside the project folder"), "{said}");
+}
+
+/// What `import --without-meshes` says of an MJCF that it refuses.
+fn robot_without(xml: &str) -> String {
+    robert()
+        .file("arm.xml", xml)
+        .file("there.stl", tetrahedron_stl())
+        .args(["import", "arm.xml", "--out", "bot", "--without-meshes"])
+        .fails(3)
+        .stderr
+}
+
+#[test]
 fn links_without_mass_of_their_own_do_not_make_the_robot_heavier() {
     // The base is fixed to the world, so it needs no mass; a moving link is weighed by its shapes.
     let inertial = |mass: &str| {
@@ -817,13 +870,6 @@ fn addresses_without_a_package_and_shapes_without_size_are_read() {
         .args(["import", "g.urdf", "--out", "bot", "--without-meshes", "--json"])
         .succeeds();
     assert!(notes(&ran.json(), "assumed").contains("link \"arm\" has no inertia"));
-    let mjcf = "<mujoco><worldbody><body><joint/><geom size=\".1\"/></body></worldbody></mujoco>";
-    let said = robert()
-        .file("m.xml", mjcf)
-        .args(["import", "m.xml", "--out", "bot", "--without-meshes"])
-        .fails(3)
-        .stderr;
-    assert!(said.contains("--without-meshes: only meshes of a URDF are left out"), "{said}");
     // A name that differs in upper and lower case only is found, as on other systems.
     let ran = robert()
         .file(

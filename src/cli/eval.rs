@@ -518,11 +518,16 @@ const FIGURES: [(&str, PolicyFigure); 7] = [
     }),
     ("gap overshoot", |e| {
         e.tasks.iter().any(|t| t.gap.is_some()).then(|| {
-            let all = e.tasks.iter().filter_map(|t| t.gap.as_ref()?.overshoot.as_ref());
-            match worst_of(e, |t| Some(t.gap.as_ref()?.overshoot.as_ref()?.value)) {
-                None => "none".to_owned(),
-                Some(worst) if all.clone().all(|o| o.by_contact) => format!("{worst:.3} by touch"),
-                Some(worst) => format!("{worst:.3}"),
+            let worst = |by_contact: bool| {
+                worst_of(e, |t| {
+                    let overshoot = t.gap.as_ref()?.overshoot.as_ref()?;
+                    (overshoot.by_contact == by_contact).then_some(overshoot.value)
+                })
+            };
+            match (worst(false), worst(true)) {
+                (Some(worst), _) => format!("{worst:.3}"),
+                (None, Some(worst)) => format!("{worst:.3} by touch"),
+                (None, None) => "none".to_owned(),
             }
         })
     }),

@@ -54,7 +54,7 @@ pub(super) struct ModelFlags {
     /// Leave a body out, with everything that refers to it (MJCF). May be repeated.
     #[arg(long, value_name = "BODY")]
     without: Vec<String>,
-    /// Leave out meshes whose files are missing, also those that collide (URDF).
+    /// Leave out meshes whose files are missing, also those that collide, and textures.
     #[arg(long)]
     without_meshes: bool,
     /// Whether position and velocity servos are kept, with their control as the action, or replaced

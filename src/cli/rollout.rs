@@ -102,7 +102,9 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     }
     let precision = done.rollout.precision();
     if args.json {
+        let gap = GapFigures::of(&mut done.rollout);
         let mut report = report(args, &done, &precision);
+        report["gap"] = json!(gap);
         report["unreachable"] = unreachable(&done)?;
         return out::json(&report);
     }
@@ -132,7 +134,6 @@ fn report(args: &Args, done: &Performed, p: &Precision) -> Value {
         "precision": p.precision,
         "why_none": p.precision.is_none().then_some(NOTHING_ASKED),
         "moving": p.moving,
-        "gap": GapFigures::of(rollout),
         "masked_mae": p.masked_mae,
         "p95": p.p95,
         "worst": p.worst.map(|(frame, error)| json!({"frame": frame, "error": error})),

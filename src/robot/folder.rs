@@ -57,7 +57,7 @@ impl Robot {
             return Err(Error::Mismatch { message, path: profile });
         }
         let path = dir.join(&model);
-        let project = preparse::read(&path, Some(dir))?;
+        let project = preparse::read(&path, Some(dir), preparse::MissingFiles::Refuse)?;
         if project.format == preparse::Format::Urdf {
             let message = format!(
                 "this is a URDF; make a robot from it: robert import {} --out DIR",

@@ -13,6 +13,7 @@
 //! Rejected: describing robots in Rust (users could not add their own), and deriving everything
 //! from the model (no model contains a mirror table or the name of a pose).
 
+mod asset_dirs;
 mod bounds;
 mod builtin;
 pub mod check;
@@ -36,6 +37,7 @@ mod lenient;
 mod loops;
 mod mesh;
 mod mirror;
+mod missing;
 mod motors;
 mod origin;
 mod pace;

@@ -10,12 +10,13 @@ use std::path::{Path, PathBuf};
 
 use roxmltree::{Document, Node};
 
+pub(super) use super::asset_dirs::{AssetDirs, names_file, stem};
 use super::bounds::{check, texture_bytes};
 use super::error::{Error, line_column};
 pub(super) use super::origin::{parse, place, refuse, refuse_at};
 pub(super) use super::reference::{Unresolved, in_other_case, resolve};
 use super::text::Edits;
-use super::{foreign, lenient};
+use super::{foreign, lenient, missing};
 use super::{mesh, text};
 use robert_base::fsio;
 use robert_base::limits;
@@ -56,6 +57,18 @@ pub struct Project {
     pub parts: usize,
     /// Names of elements and attributes of other programs (`drake:joint`), which are left out.
     pub foreign: BTreeSet<String>,
+    /// What was left out because its file is missing: a sentence each.
+    pub without: Vec<String>,
+}
+
+/// What happens to an MJCF's meshes, height fields, skins and textures whose files are missing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum MissingFiles {
+    /// The model is refused.
+    #[default]
+    Refuse,
+    /// They are left out with all that consists of them.
+    LeaveOut,
 }
 
 /// Reads and checks a model file. `root` is the folder that must contain its includes and meshes;
@@ -63,7 +76,7 @@ pub struct Project {
 ///
 /// # Errors
 /// [`Error::Refused`], [`Error::File`].
-pub fn read(path: &Path, root: Option<&Path>) -> Result<Project, Error> {
+pub fn read(path: &Path, root: Option<&Path>, missing: MissingFiles) -> Result<Project, Error> {
     let whole = |message: String| Error::Refused { message, line: 0, column: 0, path: path.into() };
     let xml = read_text(path)?;
     let dir = folder(path);
@@ -92,18 +105,23 @@ pub fn read(path: &Path, root: Option<&Path>) -> Result<Project, Error> {
     if format == Format::Urdf {
         check(&doc, path)?;
         drop(doc);
-        let assets = Vec::new();
-        return Ok(Project { format, xml, path: path.into(), root, assets, parts: 1, foreign });
+        let (assets, without) = (Vec::new(), Vec::new());
+        let path = path.into();
+        return Ok(Project { format, xml, path, root, assets, parts: 1, foreign, without });
     }
     let seen = BTreeSet::new();
     let mut splice = Splice { dir: dir.into(), root: &root, seen, foreign, elements: 0, bytes: 0 };
-    let xml = splice.expand(&xml, path, 0)?;
+    let mut xml = splice.expand(&xml, path, 0)?;
     let (parts, foreign) = (splice.seen.len() + 1, std::mem::take(&mut splice.foreign));
+    let mut without = Vec::new();
+    if missing == MissingFiles::LeaveOut {
+        (xml, without) = missing::without(&xml, path, dir, &root)?;
+    }
     // Places in the assembled text are those of the file unless something was included.
     let doc = parse(&xml, path)?;
     let assets = assets(&doc, path, dir, &root)?;
     drop(doc);
-    Ok(Project { format, xml, path: path.into(), root, assets, parts, foreign })
+    Ok(Project { format, xml, path: path.into(), root, assets, parts, foreign, without })
 }
 
 /// The files of a text that was changed after it was read, with all checks made again.
@@ -243,67 +261,8 @@ fn is_numbers(value: &str) -> bool {
     value.split_ascii_whitespace().all(|number| number.parse::<f64>().is_ok())
 }
 
-/// Attributes with which an MJCF refers to files.
-const FILES: &[(&str, &str)] = &[
-    ("mesh", "file"),
-    ("hfield", "file"),
-    ("skin", "file"),
-    ("texture", "file"),
-    ("texture", "fileright"),
-    ("texture", "fileleft"),
-    ("texture", "fileup"),
-    ("texture", "filedown"),
-    ("texture", "filefront"),
-    ("texture", "fileback"),
-];
-
-/// Whether this attribute of this MJCF element is a file name.
-pub(super) fn names_file(tag: &str, attribute: &str) -> bool {
-    FILES.contains(&(tag, attribute))
-}
-
-/// The name of a file without folder and extension: that of a mesh without a name.
-pub(super) fn stem(written: &str) -> String {
-    let file = written.rsplit(['/', '\\']).next().unwrap_or(written);
-    file.rsplit_once('.').map_or(file, |(s, _)| s).to_owned()
-}
-
-/// Folders of meshes and textures from the compiler elements (the last one counts).
-pub(super) struct AssetDirs {
-    mesh: PathBuf,
-    texture: PathBuf,
-    strip: bool,
-}
-
-impl AssetDirs {
-    /// Those of this document.
-    pub(super) fn of(doc: &Document<'_>) -> AssetDirs {
-        let (mut mesh, mut texture, mut strip) = (PathBuf::new(), PathBuf::new(), false);
-        for c in doc.root_element().children().filter(|n| n.has_tag_name("compiler")) {
-            if let Some(d) = c.attribute("assetdir") {
-                (mesh, texture) = (PathBuf::from(d), PathBuf::from(d));
-            }
-            if let Some(d) = c.attribute("meshdir") {
-                mesh = PathBuf::from(d);
-            }
-            if let Some(d) = c.attribute("texturedir") {
-                texture = PathBuf::from(d);
-            }
-            if let Some(s) = c.attribute("strippath") {
-                strip = s == "true";
-            }
-        }
-        AssetDirs { mesh, texture, strip }
-    }
-
-    /// The path of a reference below the main file's folder.
-    pub(super) fn path(&self, tag: &str, written: &str) -> String {
-        let base = || written.rsplit(['/', '\\']).next().unwrap_or(written);
-        let name = if self.strip { base() } else { written };
-        let dir = if tag == "texture" { &self.texture } else { &self.mesh };
-        dir.join(name).to_string_lossy().into_owned()
-    }
-}
+/// The way out if a file is missing.
+const WAY_OUT: &str = "; find or mend the file, or leave out what is missing: --without-meshes";
 
 fn assets(
     doc: &Document<'_>,
@@ -323,8 +282,13 @@ fn assets(
             let seen = known.get(&below).cloned();
             let real = match &seen {
                 Some(real) => real.clone(),
-                None => resolve(dir, &below, root)
-                    .map_err(|m| refuse(node, path, format!("{tag} file {}", String::from(m))))?,
+                None => resolve(dir, &below, root).map_err(|why| {
+                    let way = match why {
+                        Unresolved::Missing(_) => WAY_OUT,
+                        Unresolved::Refused(_) => "",
+                    };
+                    refuse(node, path, format!("{tag} file {}{way}", String::from(why)))
+                })?,
             };
             if tag == "texture" {
                 pictures.extend(mesh::png_size(&real));
@@ -333,7 +297,8 @@ fn assets(
                 continue;
             }
             known.insert(below.clone(), real.clone());
-            total += mesh::check_file(&real).map_err(|m| refuse(node, path, m))?;
+            total += mesh::check_file(&real)
+                .map_err(|why| refuse(node, path, format!("{why}{WAY_OUT}")))?;
             if total > limits::UPLOAD_BYTES || found.len() >= limits::PROJECT_FILES {
                 let message = format!(
                     "the model refers to more than {} files or {} bytes",
@@ -370,7 +335,7 @@ mod tests {
             std::fs::create_dir_all(p.parent().unwrap()).unwrap();
             std::fs::write(p, text).unwrap();
         }
-        let r = read(&dir.path().join(files[0].0), None);
+        let r = read(&dir.path().join(files[0].0), None, MissingFiles::Refuse);
         (dir, r)
     }
 
@@ -413,7 +378,7 @@ mod tests {
         std::os::unix::fs::symlink("/etc/passwd", dir.path().join("link.xml")).unwrap();
         std::fs::write(dir.path().join("a.xml"), "<mujoco><include file=\"link.xml\"/></mujoco>")
             .unwrap();
-        let e = read(&dir.path().join("a.xml"), None).unwrap_err();
+        let e = read(&dir.path().join("a.xml"), None, MissingFiles::Refuse).unwrap_err();
         assert!(e.to_string().contains("outside the project folder"), "{e}");
     }
 
@@ -507,7 +472,7 @@ mod tests {
                 };
                 std::fs::write(dir.path().join(name), format!("<{tag}>{next}</{tag}>")).unwrap();
             }
-            read(&dir.path().join("a.xml"), None)
+            read(&dir.path().join("a.xml"), None, MissingFiles::Refuse)
         };
         includes(limits::INCLUDE_DEPTH).unwrap();
         let refused = includes(limits::INCLUDE_DEPTH + 1).unwrap_err().to_string();

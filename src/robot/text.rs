@@ -90,6 +90,12 @@ pub(super) fn inner<'x>(node: roxmltree::Node<'_, '_>, xml: &'x str) -> &'x str 
     }
 }
 
+/// As many line breaks as the node contains, so that later lines keep their numbers.
+pub(super) fn blank(xml: &str, node: roxmltree::Node<'_, '_>) -> String {
+    let lines = xml.get(node.range()).map_or(0, |t| t.matches('\n').count());
+    "\n".repeat(lines)
+}
+
 /// Escapes text for an attribute value.
 pub(super) fn escape(value: &str) -> String {
     value.replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;")

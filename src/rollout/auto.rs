@@ -289,8 +289,8 @@ mod tests {
         let command = compile(&clip).unwrap();
         let all = Contenders::new(&robot, &PolicyConfig::new(PolicyName::Auto)).unwrap();
         let cancel = Cancel::default();
-        let chosen = all.perform(&command, &Start::Pose, 0, 2, &Silent, &cancel).unwrap();
-        let gaps = crate::GapFigures::of(&chosen.rollout).unwrap();
+        let mut chosen = all.perform(&command, &Start::Pose, 0, 2, &Silent, &cancel).unwrap();
+        let gaps = crate::GapFigures::of(&mut chosen.rollout).unwrap();
         assert_eq!((chosen.policy.label().as_str(), gaps.overshoot), ("ilqr+smooth", None));
     }
 

@@ -68,7 +68,7 @@ pub struct Worst {
     pub frame: usize,
 }
 
-/// The largest overshoot of a joint.
+/// The largest overshoot of a joint that contact does not force, or if there is none, of all.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Overshoot {
     /// Distance beyond the allowance, rad or m.
@@ -77,8 +77,8 @@ pub struct Overshoot {
     pub joint: String,
     /// The frame.
     pub frame: usize,
-    /// Whether contact forces it and every other overshoot of the rollout: repeated with the same actions
-    /// where nothing touches, no joint leaves its allowance on the same side.
+    /// Whether contact forces it: if the policy repeats the gap where nothing touches, the joint does not
+    /// leave its allowance on this side. False if it was not repeated ([`GapFigures::measure`]).
     #[serde(default)]
     pub by_contact: bool,
 }
@@ -94,7 +94,7 @@ pub struct GapFigures {
     pub path: Option<f64>,
     /// The worst.
     pub path_worst: Option<Worst>,
-    /// The largest overshoot; `None` if no joint exceeded its allowance.
+    /// `None` if no joint exceeded its allowance.
     pub overshoot: Option<Overshoot>,
     /// Mean jerk over the gaps that move; 1 is the minimum-jerk motion from rest to rest.
     pub jerk: Option<f64>,
@@ -136,19 +136,27 @@ impl Motion<'_> {
 }
 
 impl GapFigures {
-    /// The figures of a rollout so far. `None` if nothing is masked.
-    pub fn of(rollout: &Rollout) -> Option<GapFigures> {
+    /// The figures of a rollout so far. `None` if nothing is masked. Gaps with an overshoot are repeated
+    /// without contact; the rollout stays as it is.
+    pub fn of(rollout: &mut Rollout) -> Option<GapFigures> {
         let joints = rollout.robot().joints().iter().map(|j| j.name.clone());
         let joints: Vec<_> = joints.collect();
         let mut found = GapFigures::measure(rollout.goals(), rollout.states(), &joints)?;
-        if let Some(overshoot) = &mut found.overshoot {
+        if found.overshoot.is_some() {
             let (goals, states) = (rollout.goals(), rollout.states());
             let motion = Motion { states, dim: goals.dim() };
             let gaps = gaps(goals, motion.frames().min(goals.frames()));
-            overshoot.by_contact = gaps.iter().all(|gap| {
-                let over = overshoots(&motion, goals, gap);
-                over.is_empty() || forced(rollout, gap, &over).unwrap_or(false)
+            let over = gaps.iter().map(|gap| (gap, overshoots(&motion, goals, gap)));
+            let over: Vec<_> = over.filter(|(_, over)| !over.is_empty()).collect();
+            let all = over.iter().flat_map(|(gap, over)| {
+                // An overshoot in a gap that cannot be repeated counts as not forced.
+                let forced = forced(rollout, gap, over).unwrap_or_else(|_| vec![false; over.len()]);
+                over.iter().zip(forced)
             });
+            let worst = all.max_by(|(a, a_forced), (b, b_forced)| {
+                b_forced.cmp(a_forced).then(a.value.total_cmp(&b.value))
+            });
+            found.overshoot = worst.map(|(o, by_contact)| o.named(&joints, by_contact));
         }
         Some(found)
     }
@@ -161,10 +169,9 @@ impl GapFigures {
         let mut found = GapFigures { gaps: gaps.len(), ..GapFigures::default() };
         let (mut paths, mut jerks) = (Vec::new(), Vec::new());
         for gap in &gaps {
-            for Beyond { value, frame, joint, .. } in overshoots(&motion, goals, gap) {
-                if found.overshoot.as_ref().is_none_or(|o| value > o.value) {
-                    let joint = joints[joint].clone();
-                    found.overshoot = Some(Overshoot { value, joint, frame, by_contact: false });
+            for beyond in overshoots(&motion, goals, gap) {
+                if found.overshoot.as_ref().is_none_or(|o| beyond.value > o.value) {
+                    found.overshoot = Some(beyond.named(joints, false));
                 }
             }
             let straight = motion.distance(gap.from, gap.to, &gap.joints);
@@ -227,6 +234,13 @@ struct Beyond {
     above: bool,
 }
 
+impl Beyond {
+    fn named(&self, joints: &[String], by_contact: bool) -> Overshoot {
+        let joint = joints[self.joint].clone();
+        Overshoot { value: self.value, joint, frame: self.frame, by_contact }
+    }
+}
+
 /// The largest overshoot of each joint that leaves its allowance.
 fn overshoots(motion: &Motion, goals: &Goals, gap: &Gap) -> Vec<Beyond> {
     let goal = |f: usize, j: usize| {
@@ -258,15 +272,16 @@ fn overshoots(motion: &Motion, goals: &Goals, gap: &Gap) -> Vec<Beyond> {
     found
 }
 
-/// Whether none of these overshoots of a gap happens if the gap is repeated with the same actions where
-/// nothing touches.
-fn forced(rollout: &Rollout, gap: &Gap, over: &[Beyond]) -> Result<bool, Error> {
+/// Whether each of these overshoots of a gap stays away if the policy repeats the gap where nothing
+/// touches. The same actions would not do: a policy that resists a push leaves on the other side.
+fn forced(rollout: &mut Rollout, gap: &Gap, over: &[Beyond]) -> Result<Vec<bool>, Error> {
     let alone = rollout.without_contact(gap.from, gap.to)?;
     let dim = rollout.goals().dim();
-    Ok(over.iter().all(|o| {
+    let stays = |o: &Beyond| {
         let mut reached = alone.chunks_exact(dim).map(|q| q[o.joint]);
         reached.all(|q| if o.above { q <= o.limit } else { q >= o.limit })
-    }))
+    };
+    Ok(over.iter().map(stays).collect())
 }
 
 /// The first of the four frames of every third difference inside the gap and its two ends;

@@ -380,24 +380,34 @@ impl Rollout {
         &self.plan
     }
 
-    /// The states of frames `from`+1 ..= `to` that the same actions reach from frame `from` where nothing
-    /// touches; (to - from, S). `to` must have been reached.
-    pub(super) fn without_contact(&self, from: usize, to: usize) -> Result<Vec<f64>, Error> {
+    /// The states of frames `from`+1 ..= `to` that the same policy reaches from frame `from` where nothing
+    /// touches; (to - from, S). `to` must have been reached. The rollout stays as it is.
+    pub(super) fn without_contact(&mut self, from: usize, to: usize) -> Result<Vec<f64>, Error> {
         let mut model = self.plant.model().duplicate()?;
         model.set_contacts(false);
-        let mut plant = Data::new(&Arc::new(model))?;
-        plant.restore(&self.snapshots[from])?;
-        let dim = self.robot.state_dim();
-        let mut states = vec![0.0; (to - from) * dim];
-        for (frame, state) in (from..to).zip(states.chunks_exact_mut(dim)) {
-            let actions = self.robot.action_dim();
-            let action = &self.actions[frame * actions..(frame + 1) * actions];
-            self.robot.apply_action(&mut plant, action)?;
-            let failed = |source| Error::Simulation { frame, source };
-            plant.step(self.substeps).map_err(failed)?;
-            self.robot.read_state(&plant, state);
-        }
-        Ok(states)
+        let mut alone = Data::new(&Arc::new(model))?;
+        alone.restore(&self.snapshots[from])?;
+        let (dim, actions) = (self.robot.state_dim(), self.robot.action_dim());
+        let start = (HISTORY + from + 1) * dim;
+        let reached = self.reached.split_off(start);
+        let acted = self.actions.split_off(from * actions);
+        let snapshots = self.snapshots.split_off(from + 1);
+        let memories = self.memories.split_off(from + 1);
+        let simulated = self.simulated;
+        let plant = std::mem::replace(&mut self.plant, alone);
+        self.policy.recall(&self.memories[from]);
+        let done = (from..to).try_for_each(|t| self.advance(t));
+        let states = self.reached.split_off(start);
+        self.reached.extend(reached);
+        self.actions.truncate(from * actions);
+        self.actions.extend(acted);
+        self.snapshots.truncate(from + 1);
+        self.snapshots.extend(snapshots);
+        self.memories.truncate(from + 1);
+        self.memories.extend(memories);
+        (self.plant, self.simulated) = (plant, simulated);
+        self.policy.recall(&self.memories[self.frame()]);
+        done.map(|()| states)
     }
 
     /// Drops the frames after `t`.
@@ -579,6 +589,27 @@ mod tests {
 
     fn bits(r: &Rollout) -> Vec<u64> {
         r.reached().iter().chain(r.actions()).map(|v| v.to_bits()).collect()
+    }
+
+    #[test]
+    fn a_gap_that_is_repeated_without_contact_leaves_the_rollout_as_it_is() {
+        let clip = crate::tasks::find("shadow_hand/rsp_high_mask", None).unwrap();
+        let (robot, command) = (robot("shadow_hand"), robert_clip::compile(&clip).unwrap());
+        for name in [PolicyName::Pd, PolicyName::Ridge] {
+            let mut whole = rollout(&robot, name, &command);
+            whole.run(&Cancel::default()).unwrap();
+            let mut cut = rollout(&robot, name, &command);
+            while cut.frame() < 60 {
+                cut.step().unwrap();
+            }
+            let alone = cut.without_contact(26, 60).unwrap();
+            let dim = robot.state_dim();
+            // The first frames agree, then the fingers would have pushed the thumb.
+            assert_eq!((cut.frame(), alone.len()), (60, 34 * dim));
+            assert_ne!(alone, cut.states()[(HISTORY + 27) * dim..(HISTORY + 61) * dim]);
+            cut.run(&Cancel::default()).unwrap();
+            assert_eq!(bits(&cut), bits(&whole), "{name:?}");
+        }
     }
 
     /// After each of 200 random edits per robot the rollout has the same bits as a rollout from the

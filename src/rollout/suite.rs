@@ -464,7 +464,7 @@ fn one(mut rollout: Rollout, case: &Case, stops: &[&Cancel]) -> Result<Outcome, 
     let mut outcome = Outcome { frames: rollout.frame(), ..Outcome::default() };
     match result {
         Ok(()) => {
-            measure(&rollout, case, &mut outcome);
+            measure(&mut rollout, case, &mut outcome);
             Ok(outcome)
         }
         Err(e @ (Error::Simulation { .. } | Error::BadAction { .. })) => {
@@ -475,10 +475,10 @@ fn one(mut rollout: Rollout, case: &Case, stops: &[&Cancel]) -> Result<Outcome, 
     }
 }
 
-fn measure(rollout: &Rollout, case: &Case, outcome: &mut Outcome) {
+fn measure(rollout: &mut Rollout, case: &Case, outcome: &mut Outcome) {
+    outcome.gap = GapFigures::of(rollout);
     let (goals, reached) = (rollout.goals(), rollout.reached());
     let mut precision = rollout.precision();
-    outcome.gap = GapFigures::of(rollout);
     if let (Some(truth), Start::Recorded { history, .. }) = (&case.truth, &case.start) {
         precision.masked_mae = hidden_error(goals, reached, truth);
         let cubic = cubic_error(goals, history, truth).filter(|c| *c > 0.0);

@@ -29,7 +29,7 @@ pub struct ImportConfig {
     pub weld: Vec<String>,
     /// Bodies to leave out, with everything that refers to them (MJCF).
     pub without: Vec<String>,
-    /// Leave out meshes whose files are missing, also those that collide (URDF).
+    /// Leave out meshes whose files are missing, also those that collide, and textures.
     pub without_meshes: bool,
     /// The treatment of position and velocity servos.
     pub servos: Servos,

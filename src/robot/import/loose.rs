@@ -7,7 +7,7 @@ use roxmltree::{Document, Node};
 
 use super::classes::Classes;
 use super::draft::Draft;
-use crate::text::Edits;
+use crate::text::{Edits, blank};
 use crate::{Error, preparse};
 
 /// Sections whose entries refer to parts of bodies.
@@ -129,12 +129,6 @@ fn is_entry(n: &Node<'_, '_>) -> bool {
             SECTIONS.iter().any(|s| p.has_tag_name(*s))
                 && p.parent_element().is_some_and(|r| r.has_tag_name("mujoco"))
         })
-}
-
-/// As many line breaks as the node contains, so that later lines keep their numbers.
-pub(super) fn blank(xml: &str, node: Node<'_, '_>) -> String {
-    let lines = xml.get(node.range()).map_or(0, |t| t.matches('\n').count());
-    "\n".repeat(lines)
 }
 
 /// The joints that let a body float: a free joint, or the ball joint beside three slides without motors.

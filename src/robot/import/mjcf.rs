@@ -7,12 +7,12 @@ use roxmltree::{Document, Node};
 
 use super::config::ImportConfig;
 use super::draft::{ASSET_DIR, Draft, physics};
-use super::loose::{self, blank};
+use super::loose;
 use super::modern;
 use super::sites;
 use super::split;
 use super::words::Words;
-use crate::text::Edits;
+use crate::text::{Edits, blank};
 use crate::{Error, mesh, preparse, text};
 
 /// Attributes of later versions (or of tools) that 2.2.2 does not know and that have no effect
@@ -169,10 +169,6 @@ fn plain(
     draft: &mut Draft,
 ) -> Result<String, Error> {
     let path = &project.path;
-    if config.without_meshes {
-        let message = "--without-meshes: only meshes of a URDF are left out".to_owned();
-        return Err(Error::Unfit { message, path: path.clone() });
-    }
     let (flat, said) = modern::flatten(project.xml.clone(), path, "")?;
     draft.changed.extend(said);
     let doc = preparse::parse(&flat, path)?;

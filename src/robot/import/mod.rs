@@ -187,7 +187,11 @@ pub fn draft(config: &ImportConfig) -> Result<String, Error> {
 }
 
 fn drafted(config: &ImportConfig) -> Result<(preparse::Project, Draft), Error> {
-    let (project, remarks) = attach::read(&config.source, config.root.as_deref())?;
+    let missing = match config.without_meshes {
+        true => preparse::MissingFiles::LeaveOut,
+        false => preparse::MissingFiles::Refuse,
+    };
+    let (project, remarks) = attach::read(&config.source, config.root.as_deref(), missing)?;
     let mut draft = match project.format {
         preparse::Format::Mjcf => mjcf::draft(&project, config)?,
         preparse::Format::Urdf => urdf::draft(&project, config)?,
@@ -198,6 +202,7 @@ fn drafted(config: &ImportConfig) -> Result<(preparse::Project, Draft), Error> {
         let more = if more > 0 { format!(" and {more} more") } else { String::new() };
         draft.dropped.push(format!("parts for other programs: {}{more}", names.join(", ")));
     }
+    draft.dropped.extend(project.without.iter().cloned());
     draft.changed.extend(remarks.changed);
     draft.warnings.extend(remarks.warnings);
     Ok((project, draft))

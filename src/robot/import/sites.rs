@@ -11,8 +11,8 @@ use std::sync::Arc;
 use roxmltree::{Document, Node};
 
 use super::draft::{Draft, Tie};
-use super::loose::{blank, is_led};
-use crate::text::{Edits, escape};
+use super::loose::is_led;
+use crate::text::{Edits, blank, escape};
 use crate::{Error, preparse};
 use robert_mujoco::{Data, Kind, Model};
 

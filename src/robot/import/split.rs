@@ -6,8 +6,8 @@ use roxmltree::{Document, Node};
 
 use super::classes::Classes;
 use super::draft::Draft;
-use super::loose::{blank, is_ball, is_base};
-use crate::text::{Edits, escape};
+use super::loose::{is_ball, is_base};
+use crate::text::{Edits, blank, escape};
 
 /// The axes of the hinges in place of a ball, and their names.
 const TURNS: [(&str, &str); 3] = [("roll", "1 0 0"), ("pitch", "0 1 0"), ("yaw", "0 0 1")];

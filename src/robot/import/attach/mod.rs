@@ -18,7 +18,7 @@ use submodel::{Terms, has_defaults, in_terms};
 
 use super::modern;
 use crate::Error;
-use crate::preparse::{self, Format, Project};
+use crate::preparse::{self, Format, MissingFiles, Project};
 use crate::text::{Edits, before_close, compiler, escape};
 use robert_base::limits;
 
@@ -30,6 +30,7 @@ const INERTIA: &[&str] = &["balanceinertia", "boundinertia", "boundmass"];
 pub(super) struct Remarks {
     pub(super) changed: Vec<String>,
     pub(super) warnings: Vec<String>,
+    missing: MissingFiles,
     /// Files read so far.
     read: usize,
     /// Places filled so far.
@@ -59,8 +60,12 @@ const WORK: u64 = 4;
 ///
 /// # Errors
 /// As [`preparse::read`]; [`Error::Refused`] for what cannot be attached.
-pub(super) fn read(source: &Path, root: Option<&Path>) -> Result<(Project, Remarks), Error> {
-    let mut remarks = Remarks::default();
+pub(super) fn read(
+    source: &Path,
+    root: Option<&Path>,
+    missing: MissingFiles,
+) -> Result<(Project, Remarks), Error> {
+    let mut remarks = Remarks { missing, ..Remarks::default() };
     let project = whole(source, root, 0, &mut remarks)?;
     Ok((project, remarks))
 }
@@ -71,7 +76,7 @@ fn whole(
     deep: usize,
     remarks: &mut Remarks,
 ) -> Result<Project, Error> {
-    let mut project = preparse::read(source, root)?;
+    let mut project = preparse::read(source, root, remarks.missing)?;
     if project.format != Format::Mjcf {
         return Ok(project);
     }
@@ -83,7 +88,10 @@ fn whole(
     let text = joined(&project, &models, remarks)?;
     drop(doc);
     project.parts += models.by_name.values().map(|m| m.project.parts).sum::<usize>();
-    models.by_name.values().for_each(|m| project.foreign.extend(m.project.foreign.clone()));
+    for Submodel { project: part, .. } in models.by_name.values() {
+        project.foreign.extend(part.foreign.iter().cloned());
+        project.without.extend(part.without.iter().cloned());
+    }
     project.assets = preparse::again(&text, source, &project.root)?;
     project.xml = text;
     Ok(project)
