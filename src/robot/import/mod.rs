@@ -187,9 +187,10 @@ pub fn draft(config: &ImportConfig) -> Result<String, Error> {
 }
 
 fn drafted(config: &ImportConfig) -> Result<(preparse::Project, Draft), Error> {
-    let missing = match config.without_meshes {
-        true => preparse::MissingFiles::LeaveOut,
-        false => preparse::MissingFiles::Refuse,
+    let missing = if config.without_meshes {
+        preparse::MissingFiles::LeaveOut
+    } else {
+        preparse::MissingFiles::Refuse
     };
     let (project, remarks) = attach::read(&config.source, config.root.as_deref(), missing)?;
     let mut draft = match project.format {
