@@ -30,7 +30,7 @@ fn scene(model: &str) -> (tempfile::TempDir, PathBuf) {
 
 /// The model as it is compiled; its mesh file by its path.
 fn compiled(path: &Path) -> Arc<Model> {
-    let (project, _) = read(path, None).unwrap();
+    let (project, _) = read(path, None, MissingFiles::Refuse).unwrap();
     let (flat, _) = modern::flatten(project.xml, path, "").unwrap();
     let flat = flat.replace("arm/shapes", &path.with_file_name("arm/shapes").to_string_lossy());
     let at = flat.rfind("</mujoco>").unwrap();
@@ -89,10 +89,16 @@ fn keyframes_come_along_where_nothing_else_moves() {
         )
     };
     let (_dir, path) = scene(&text(""));
-    assert!(read(&path, None).unwrap().0.xml.contains("<key name=\"home\" qpos=\".3 .1\" />"));
+    assert!(
+        read(&path, None, MissingFiles::Refuse)
+            .unwrap()
+            .0
+            .xml
+            .contains("<key name=\"home\" qpos=\".3 .1\" />")
+    );
     assert_eq!(compiled(&path).nq(), 2);
     let (_dir, path) = scene(&text("<body><joint/><geom size=\".1\"/></body>"));
-    assert!(!read(&path, None).unwrap().0.xml.contains("<key"));
+    assert!(!read(&path, None, MissingFiles::Refuse).unwrap().0.xml.contains("<key"));
 }
 
 #[test]
@@ -111,7 +117,7 @@ fn a_part_of_the_model_itself_can_be_attached() {
 fn what_cannot_be_attached_names_its_place() {
     let fails = |model: &str, what: &str| {
         let (_dir, path) = scene(model);
-        let message = read(&path, None).unwrap_err().to_string();
+        let message = read(&path, None, MissingFiles::Refuse).unwrap_err().to_string();
         assert!(message.contains(what) && message.contains("scene.xml:2:"), "{message}");
     };
     fails(
@@ -140,9 +146,9 @@ fn attached_models_bind_at_the_cap() {
         scene(&format!("<mujoco><asset>{all}</asset><worldbody/></mujoco>"))
     };
     let (_dir, path) = models(limits::ATTACHED_MODELS);
-    assert!(read(&path, None).is_ok());
+    assert!(read(&path, None, MissingFiles::Refuse).is_ok());
     let (_dir, path) = models(limits::ATTACHED_MODELS + 1);
-    assert!(read(&path, None).unwrap_err().to_string().contains("in all"));
+    assert!(read(&path, None, MissingFiles::Refuse).unwrap_err().to_string().contains("in all"));
 }
 
 #[test]
@@ -173,7 +179,7 @@ fn what_belongs_to_replicas_and_inertias_stays_with_them() {
         "<mujoco><asset><model name=\"a\" file=\"arm/arm.xml\"/></asset><worldbody>\n\
          <replicate count=\"2\"><attach model=\"a\" prefix=\"x\"/></replicate></worldbody></mujoco>",
     );
-    let message = read(&path, None).unwrap_err().to_string();
+    let message = read(&path, None, MissingFiles::Refuse).unwrap_err().to_string();
     assert!(message.contains("inside of a <replicate>"), "{message}");
 }
 
