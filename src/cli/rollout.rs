@@ -134,6 +134,7 @@ fn report(args: &Args, done: &Performed, p: &Precision) -> Value {
         "precision": p.precision,
         "why_none": p.precision.is_none().then_some(NOTHING_ASKED),
         "moving": p.moving,
+        "hold_motion": rollout.hold_motion(),
         "masked_mae": p.masked_mae,
         "p95": p.p95,
         "worst": p.worst.map(|(frame, error)| json!({"frame": frame, "error": error})),

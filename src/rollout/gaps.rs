@@ -25,10 +25,12 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::error::Error;
+use super::holds;
 use super::jam;
 use super::run::Rollout;
 use super::spline;
 use super::window::{Goals, HISTORY};
+use super::worst::Worst;
 use robert_robot::{Coupling, Drive, Robot};
 
 /// Shortest straight line for which path and jerk are measured, rad or m.
@@ -49,6 +51,8 @@ const SWING_WEIGHT: f64 = 0.06;
 const PATH_WEIGHT: f64 = 0.02;
 /// The penalty for each 1 by which the jerk, relative to the minimum, exceeds [`MOST_JERK`].
 const JERK_WEIGHT: f64 = 5e-4;
+/// The penalty for each rad or m that the joints move within a hold.
+const RESTLESS_WEIGHT: f64 = 0.03;
 /// Limits of natural motion inside a gap: path relative to the straight line, and jerk relative to
 /// the minimum. Motion counts as smooth up to a jerk of 3; what is chosen should stay a little below.
 const LONGEST_PATH: f64 = 1.3;
@@ -56,17 +60,6 @@ const MOST_JERK: f64 = 2.9;
 /// The largest penalty that counts, rad or m. Where every policy shakes, more must not outweigh the
 /// distance to the goals.
 const MOST_PENALTY: f64 = 0.1;
-
-/// A figure and where it was found.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Worst {
-    /// The figure.
-    pub value: f64,
-    /// The joint that contributes most.
-    pub joint: String,
-    /// Last frame with a goal before the gap.
-    pub frame: usize,
-}
 
 /// The largest overshoot of a joint that contact does not force, or if there is none, of all.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -388,7 +381,7 @@ fn farthest(joints: &[usize], dim: usize, states: &[f64]) -> f64 {
 }
 
 /// Penalty of a motion, rad or m: for overshoot, long paths and jerk in gaps, for the frame that is
-/// missed most; `states` is (30 + frames, S), up to any frame. In the mean over frames a key of one frame
+/// missed most, and for motion in the most restless hold; `states` is (30 + frames, S), up to any frame. In the mean over frames a key of one frame
 /// hardly counts, but a person sees that it is missed, as well as an overshoot by as much.
 pub(super) fn penalty(goals: &Goals, states: &[f64]) -> f64 {
     let gap = GapFigures::measure(goals, states, &names(goals)).unwrap_or_default();
@@ -396,7 +389,11 @@ pub(super) fn penalty(goals: &Goals, states: &[f64]) -> f64 {
     let detour = gap.path.map_or(0.0, |p| (p - LONGEST_PATH).max(0.0));
     let jolts = gap.jerk.map_or(0.0, |j| (j - MOST_JERK).max(0.0));
     let missed = (worst_frame(goals, states) - jam::FAR).max(0.0);
-    SWING_WEIGHT * (swing + missed) + PATH_WEIGHT * detour + JERK_WEIGHT * jolts
+    let restless = holds::restlessness(goals, states);
+    SWING_WEIGHT * (swing + missed)
+        + PATH_WEIGHT * detour
+        + JERK_WEIGHT * jolts
+        + RESTLESS_WEIGHT * restless
 }
 
 /// The error of the frame that is farthest from its goals, in the mean over its joints, rad or m.

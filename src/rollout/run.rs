@@ -4,10 +4,12 @@ use std::sync::Arc;
 
 use super::error::Error;
 use super::guide::Guide;
+use super::holds;
 use super::nominal_model::substeps;
 use super::policy::{Policy, View};
 use super::precision::Precision;
 use super::window::{COMMAND, Goals, HISTORY, Window};
+use super::worst::Worst;
 use robert_base::progress::Cancel;
 use robert_base::units::CTRL_DT;
 use robert_clip::Command;
@@ -497,6 +499,13 @@ impl Rollout {
     /// Whether the policy used a model of the robot.
     pub fn uses_model(&self) -> bool {
         self.policy.uses_model()
+    }
+
+    /// The longest path of a joint within a hold, from eight frames after its start, rad or m; `None` without
+    /// a hold of more frames.
+    pub fn hold_motion(&self) -> Option<Worst> {
+        let joints: Vec<_> = self.robot.joints().iter().map(|j| j.name.clone()).collect();
+        holds::longest(&self.goals, self.states(), &joints)
     }
 
     /// The figures over the frames so far.

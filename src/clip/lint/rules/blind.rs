@@ -21,8 +21,12 @@ impl Finder<'_> {
             let to = blind.before.unwrap_or(self.command.frames());
             let steps = blind.to - blind.from;
             let plural = if steps == 1 { "step" } else { "steps" };
+            let then = match blind.before {
+                Some(_) => "the motion to the next goal is left to the program",
+                None => "the robot stays where it was",
+            };
             let message = format!(
-                "no goal from frame {from} to {}: for {steps} {plural} the policy sees none, so it follows a straight line",
+                "no goal from frame {from} to {}: for {steps} {plural} the policy sees none, and {then}",
                 to - 1
             );
             let key = blind

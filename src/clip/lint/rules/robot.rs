@@ -1,5 +1,6 @@
 //! Rule: the clip was made for this robot and contains something to perform.
 
+use crate::flaw::hint;
 use crate::json::show;
 use crate::lint::finder::{Finder, some_of};
 use crate::lint::finding::{Level, Lint, Rule};
@@ -45,10 +46,11 @@ impl Finder<'_> {
                 whole(Level::Error, Rule::Unit, message, &pointer, vec![name.clone()]);
             }
         }
-        if let Some((first, _)) = unknown.first() {
+        if let Some((first, name)) = unknown.first() {
+            let meant = hint(name, table.joints.iter().map(|j| j.name.as_str()));
             let pointer = format!("/robot/joints/{first}");
             let names: Vec<String> = unknown.iter().map(|(_, name)| show(name)).collect();
-            let message = format!("{} has no joint {}", show(&table.robot), some_of(&names));
+            let message = format!("{} has no joint {}{meant}", show(&table.robot), some_of(&names));
             let names = unknown.into_iter().map(|(_, name)| name.clone()).collect();
             whole(Level::Error, Rule::UnknownJoint, message, &pointer, names);
         }

@@ -1,0 +1,118 @@
+//! The stillness of a robot that holds a pose. Errors hardly change if a finger moves to and fro within
+//! a hold, but a person sees it at once.
+//!
+//! A hold of a joint is a run of frames with the same goal. After the last goal of a clip it lasts to the
+//! end. The first [`SETTLES`] frames are for arriving; after them the length of the joint's path counts.
+
+use super::window::{Goals, HISTORY};
+use super::worst::Worst;
+
+/// Frames in which a joint may still arrive.
+const SETTLES: usize = 8;
+/// Path of a joint in a hold that is not counted, rad or m.
+const ALLOWANCE: f64 = 0.02;
+/// Goals that differ by less are the same, rad or m.
+const SAME: f64 = 1e-6;
+
+/// The frames of a hold in which a joint should be still.
+struct Hold {
+    joint: usize,
+    from: usize,
+    to: usize,
+}
+
+/// The holds within the first `frames` frames.
+fn holds(goals: &Goals, frames: usize) -> Vec<Hold> {
+    let mut found = Vec::new();
+    for joint in 0..goals.dim() {
+        let last = (1..goals.frames()).rev().find(|&f| goals.is_visible(f, joint));
+        let Some(last) = last else { continue };
+        let goal = |f: usize| goals.row(f.min(last))[joint];
+        let seen = |f: usize| f > last || goals.is_visible(f, joint);
+        let mut from = 1;
+        for f in 2..=frames {
+            let goes_on =
+                f < frames && seen(f) && seen(from) && (goal(f) - goal(from)).abs() < SAME;
+            if goes_on {
+                continue;
+            }
+            if seen(from) && f > from + SETTLES {
+                found.push(Hold { joint, from: from + SETTLES - 1, to: f - 1 });
+            }
+            from = f;
+        }
+    }
+    found
+}
+
+/// The length of a joint's path in each hold, rad or m. `states` is (30 + frames, S), up to any frame.
+fn paths<'a>(goals: &'a Goals, states: &'a [f64]) -> impl Iterator<Item = (Hold, f64)> + 'a {
+    let dim = goals.dim();
+    let reached = &states[(HISTORY * dim).min(states.len())..];
+    holds(goals, goals.frames().min(reached.len() / dim)).into_iter().map(move |hold| {
+        let at = |f: usize| reached[f * dim + hold.joint];
+        let path = (hold.from..hold.to).map(|f| (at(f + 1) - at(f)).abs()).sum();
+        (hold, path)
+    })
+}
+
+/// The longest path of a joint in a hold; `None` without holds of more than eight frames.
+pub(super) fn longest(goals: &Goals, states: &[f64], joints: &[String]) -> Option<Worst> {
+    let (hold, value) = paths(goals, states).max_by(|a, b| a.1.total_cmp(&b.1))?;
+    let joint = joints[hold.joint].clone();
+    Some(Worst { value, joint, frame: hold.from + 1 - SETTLES })
+}
+
+/// The motion of all joints in the most restless hold, beyond what each may move; rad or m.
+pub(super) fn restlessness(goals: &Goals, states: &[f64]) -> f64 {
+    let mut by_end = std::collections::BTreeMap::<usize, f64>::new();
+    for (hold, path) in paths(goals, states) {
+        *by_end.entry(hold.to).or_default() += (path - ALLOWANCE).max(0.0);
+    }
+    by_end.into_values().fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use robert_clip::Command;
+
+    /// Two joints: a goal of 1 at frames 10 to 29 and at 50, the second one at 10 alone.
+    fn goals() -> Goals {
+        let visible: Vec<bool> =
+            (0..60).flat_map(|f| [(10..30).contains(&f) || f == 50, f == 10]).collect();
+        let q = visible.iter().map(|&v| f32::from(u8::from(v))).collect();
+        let names = vec!["a".into(), "b".into()];
+        Goals::new(&Command::from_dense(names, vec![0.0; 2], q, visible).unwrap())
+    }
+
+    /// The first joint moves by `step` between these frames, the second one stays.
+    fn states(step: f64, between: [usize; 2], frames: usize) -> Vec<f64> {
+        let at = |f: usize| if (between[0]..between[1]).contains(&f) { 1.0 + step } else { 1.0 };
+        let reached = (0..frames).flat_map(|f| [at(f), 1.0]);
+        vec![1.0; HISTORY * 2].into_iter().chain(reached).collect()
+    }
+
+    #[test]
+    fn motion_within_a_hold_counts_and_arriving_does_not() {
+        let goals = goals();
+        let names = ["a".to_owned(), "b".to_owned()];
+        // To and fro within the hold.
+        let all = states(0.3, [22, 25], 60);
+        assert!((restlessness(&goals, &all) - (0.6 - ALLOWANCE)).abs() < 1e-9);
+        let found = longest(&goals, &all, &names).unwrap();
+        assert!((found.value - 0.6).abs() < 1e-9, "{found:?}");
+        assert_eq!((found.joint.as_str(), found.frame), ("a", 10));
+        // Before it, while arriving, in the gap, and at a key of one frame.
+        for free in [[3, 10], [11, 17], [33, 45], [49, 52]] {
+            assert!(restlessness(&goals, &states(0.3, free, 60)) < 1e-9, "{free:?}");
+        }
+        // In the last frame of the hold, and after the last goal.
+        for held in [[29, 48], [59, 60]] {
+            let moved = restlessness(&goals, &states(0.3, held, 60));
+            assert!((moved - (0.3 - ALLOWANCE)).abs() < 1e-9, "{held:?}: {moved}");
+        }
+        // So far it has not moved.
+        assert!(restlessness(&goals, &states(0.3, [22, 25], 20)) < 1e-9);
+    }
+}
