@@ -2,14 +2,15 @@
 //! a hold, but a person sees it at once.
 //!
 //! A hold of a joint is a run of frames with the same goal. After the last goal of a clip it lasts to the
-//! end. The first [`SETTLES`] frames are for arriving; after them the length of the joint's path counts.
+//! end. The first [`SETTLES`] frames are for arriving. After them the length of the joint's path counts, less
+//! what it has come nearer to its goal by the end: a finger that is free at last may still arrive.
 
 use super::window::{Goals, HISTORY};
 use super::worst::Worst;
 
 /// Frames in which a joint may still arrive.
 const SETTLES: usize = 8;
-/// Path of a joint in a hold that is not counted, rad or m.
+/// Motion of a joint in a hold that is not counted, rad or m.
 const ALLOWANCE: f64 = 0.02;
 /// Goals that differ by less are the same, rad or m.
 const SAME: f64 = 1e-6;
@@ -19,6 +20,7 @@ struct Hold {
     joint: usize,
     from: usize,
     to: usize,
+    goal: f64,
 }
 
 /// The holds within the first `frames` frames.
@@ -37,7 +39,8 @@ fn holds(goals: &Goals, frames: usize) -> Vec<Hold> {
                 continue;
             }
             if seen(from) && f > from + SETTLES {
-                found.push(Hold { joint, from: from + SETTLES - 1, to: f - 1 });
+                let (from, goal) = (from + SETTLES - 1, goal(from));
+                found.push(Hold { joint, from, to: f - 1, goal });
             }
             from = f;
         }
@@ -45,20 +48,23 @@ fn holds(goals: &Goals, frames: usize) -> Vec<Hold> {
     found
 }
 
-/// The length of a joint's path in each hold, rad or m. `states` is (30 + frames, S), up to any frame.
-fn paths<'a>(goals: &'a Goals, states: &'a [f64]) -> impl Iterator<Item = (Hold, f64)> + 'a {
+/// The motion of a joint in each hold that does not bring it nearer, rad or m. `states` is (30 + frames, S),
+/// up to any frame.
+fn motions<'a>(goals: &'a Goals, states: &'a [f64]) -> impl Iterator<Item = (Hold, f64)> + 'a {
     let dim = goals.dim();
     let reached = &states[(HISTORY * dim).min(states.len())..];
     holds(goals, goals.frames().min(reached.len() / dim)).into_iter().map(move |hold| {
         let at = |f: usize| reached[f * dim + hold.joint];
-        let path = (hold.from..hold.to).map(|f| (at(f + 1) - at(f)).abs()).sum();
-        (hold, path)
+        let error = |f: usize| (at(f) - hold.goal).abs();
+        let path: f64 = (hold.from..hold.to).map(|f| (at(f + 1) - at(f)).abs()).sum();
+        let nearer = (error(hold.from) - error(hold.to)).max(0.0);
+        (hold, path - nearer)
     })
 }
 
-/// The longest path of a joint in a hold; `None` without holds of more than eight frames.
+/// The largest motion of a joint in a hold; `None` without holds of more than eight frames.
 pub(super) fn longest(goals: &Goals, states: &[f64], joints: &[String]) -> Option<Worst> {
-    let (hold, value) = paths(goals, states).max_by(|a, b| a.1.total_cmp(&b.1))?;
+    let (hold, value) = motions(goals, states).max_by(|a, b| a.1.total_cmp(&b.1))?;
     let joint = joints[hold.joint].clone();
     Some(Worst { value, joint, frame: hold.from + 1 - SETTLES })
 }
@@ -66,8 +72,8 @@ pub(super) fn longest(goals: &Goals, states: &[f64], joints: &[String]) -> Optio
 /// The motion of all joints in the most restless hold, beyond what each may move; rad or m.
 pub(super) fn restlessness(goals: &Goals, states: &[f64]) -> f64 {
     let mut by_end = std::collections::BTreeMap::<usize, f64>::new();
-    for (hold, path) in paths(goals, states) {
-        *by_end.entry(hold.to).or_default() += (path - ALLOWANCE).max(0.0);
+    for (hold, motion) in motions(goals, states) {
+        *by_end.entry(hold.to).or_default() += (motion - ALLOWANCE).max(0.0);
     }
     by_end.into_values().fold(0.0, f64::max)
 }
@@ -112,6 +118,10 @@ mod tests {
             let moved = restlessness(&goals, &states(0.3, held, 60));
             assert!((moved - (0.3 - ALLOWANCE)).abs() < 1e-9, "{held:?}: {moved}");
         }
+        // It arrives late.
+        let mut late = states(0.3, [0, 25], 60);
+        late.iter_mut().skip(1).step_by(2).for_each(|q| *q = 1.0);
+        assert!(restlessness(&goals, &late) < 1e-9);
         // So far it has not moved.
         assert!(restlessness(&goals, &states(0.3, [22, 25], 20)) < 1e-9);
     }

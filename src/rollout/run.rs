@@ -501,7 +501,8 @@ impl Rollout {
         self.policy.uses_model()
     }
 
-    /// The longest path of a joint within a hold, from eight frames after its start, rad or m; `None` without
+    /// The largest motion of a joint within a hold that does not bring it nearer to its goal, rad or m, from eight
+    /// frames after the start of the hold; `None` without
     /// a hold of more frames.
     pub fn hold_motion(&self) -> Option<Worst> {
         let joints: Vec<_> = self.robot.joints().iter().map(|j| j.name.clone()).collect();

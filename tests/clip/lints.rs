@@ -259,6 +259,26 @@ fn other_robots_and_hidden_keys() {
     fixes(&c, Rule::Hidden);
 }
 
+#[test]
+fn a_key_for_some_joints_ends_holds_and_fills_of_the_others() {
+    let whole = |frame| Key::new(frame, &[0.0; 3]);
+    let one = |frame| Key::with(frame, Goal::Q(vec![Some(0.1), None, None]));
+    let mut c = clip(vec![whole(0).held(20), one(12).filled(Fill::Linear), whole(30).held(30)]);
+    let able = JointTable { granularity: Granularity::Joint, ..table() };
+    let said = |c: &Clip| -> Vec<String> {
+        let lints = lint(c, &compile(c).unwrap(), &able, None);
+        lints.into_iter().filter(|l| l.rule == Rule::Hidden).map(|l| l.message).collect()
+    };
+    let cut = "the hold of 20 frames at frame 0 ends after 12, at the key at frame 12, although that key has no value for J2, J3: a key ends the hold of all joints";
+    assert_eq!(said(&c), [cut]);
+    c.keys[0] = whole(0).held(5).filled(Fill::Cubic);
+    let left = "the fill after frame 4 leaves out J2, J3: a line or curve needs values in both keys, and the one at frame 12 has none";
+    assert_eq!(said(&c), [left]);
+    // A joint without another goal is free on purpose.
+    c.keys[2] = one(30).held(30);
+    assert_eq!(said(&c), [""; 0]);
+}
+
 struct Wall;
 
 impl PoseChecker for Wall {
