@@ -673,13 +673,29 @@ fn an_mjcf_can_be_taken_without_the_files_that_are_missing() {
     assert!(said.contains("arm.xml:3:11: mesh file \"link.stl\" does not exist"), "{said}");
     assert!(said.contains("leave out what is missing: --without-meshes"), "{said}");
     let ran = import(&["--without-meshes"]).succeeds();
-    let dropped = notes(&ran.json(), "dropped");
+    let (dropped, warned) = (notes(&ran.json(), "dropped"), notes(&ran.json(), "warnings"));
+    for (tag, file) in [("mesh", "link.stl"), ("mesh", "tool.obj"), ("texture", "wood.png")] {
+        assert!(dropped.contains(&format!("{tag} file \"{file}\" does not exist")), "{dropped}");
+    }
     assert!(
-        dropped.contains("3 files that are missing (link, tool, wood), and 2 shapes made of them"),
+        dropped.contains("shapes made of them: 2, which neither collide nor weigh"),
         "{dropped}"
     );
+    assert!(warned.contains("weigh less without these shapes: \"without a name\""), "{warned}");
     let robot = Robot::from_folder(&ran.path("bot")).unwrap();
     assert_eq!((robot.model().ngeom(), robot.state_dim()), (2, 2));
+    // A default class keeps its other settings, and a pair goes with its shape.
+    let class = ARM
+        .replace("<worldbody>", "<default><default class='v'><geom mesh='link' density='0'/></default></default><contact><pair geom1='g' geom2='h'/></contact><worldbody>")
+        .replace("mesh='link'/><geom type='mesh' mesh='there'/>", "mesh='link' name='g'/><geom type='mesh' mesh='there' name='h' class='v'/>");
+    let ran = robert()
+        .file("arm.xml", class)
+        .file("there.stl", tetrahedron_stl())
+        .args(["import", "arm.xml", "--out", "bot", "--without-meshes"])
+        .succeeds();
+    let model = Robot::from_folder(&ran.path("bot")).unwrap();
+    let before = robot.model().body_mass().iter().sum::<f64>();
+    assert!(model.model().body_mass().iter().sum::<f64>() < before, "the class has no density");
     // A body that consists of a mesh alone has no mass without it.
     let hollow = ARM.replace("<inertial pos='.1 0 0' mass='1' diaginertia='.01 .01 .01'/>", "");
     let said = robot_without(&hollow);

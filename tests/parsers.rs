@@ -334,10 +334,15 @@ fn preparsed() {
     let path = dir.path().join("model.xml");
     let read = |bytes: &[u8]| {
         std::fs::write(&path, bytes).unwrap();
-        preparse::read(&path, None, preparse::MissingFiles::LeaveOut).is_ok()
+        let read = |missing| preparse::read(&path, None, missing).is_ok();
+        let [strict, lenient] =
+            [preparse::MissingFiles::Refuse, preparse::MissingFiles::LeaveOut].map(read);
+        assert!(!strict || lenient);
+        strict || lenient
     };
     let pointmass = Robot::builtin("pointmass").unwrap().mjcf().to_owned();
-    let whole = pointmass.replacen("<worldbody", "<include file=\"part.xml\"/><worldbody", 1);
+    let assets = "<include file=\"part.xml\"/><default><geom mesh=\"a\"/></default><asset><mesh file=\"a.stl\"/><texture name=\"t\" file=\"t.png\"/><material name=\"m\" texture=\"t\"/></asset>";
+    let whole = pointmass.replacen("<worldbody", &format!("{assets}<worldbody"), 1);
     assert_ne!(pointmass, whole);
     let arm = std::fs::read(root.join("examples/arm.urdf")).unwrap();
     survives("preparsed", 1000, &[whole.into_bytes(), arm], usize::MAX, read);

@@ -8,7 +8,7 @@ use super::arrivals::{arrivals, said};
 use super::failure::{Failure, Outcome};
 use super::global::Global;
 use super::perform::{PerformArgs, Performed, perform};
-use super::{input, motion, out, output};
+use super::{input, interrupt, motion, out, output};
 use crate::clip::formats::motion_to_csv;
 use crate::clip::lint;
 use crate::exit::HasExit as _;
@@ -102,7 +102,8 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     }
     let precision = done.rollout.precision();
     if args.json {
-        let gap = GapFigures::of(&mut done.rollout);
+        let cancel = interrupt::cancel_on_ctrl_c();
+        let gap = GapFigures::of(&mut done.rollout, &|| cancel.is_cancelled());
         let mut report = report(args, &done, &precision);
         report["gap"] = json!(gap);
         report["unreachable"] = unreachable(&done)?;

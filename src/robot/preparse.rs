@@ -13,6 +13,7 @@ use roxmltree::{Document, Node};
 pub(super) use super::asset_dirs::{AssetDirs, names_file, stem};
 use super::bounds::{check, texture_bytes};
 use super::error::{Error, line_column};
+pub use super::missing::Without;
 pub(super) use super::origin::{parse, place, refuse, refuse_at};
 pub(super) use super::reference::{Unresolved, in_other_case, resolve};
 use super::text::Edits;
@@ -57,8 +58,8 @@ pub struct Project {
     pub parts: usize,
     /// Names of elements and attributes of other programs (`drake:joint`), which are left out.
     pub foreign: BTreeSet<String>,
-    /// What was left out because its file is missing: a sentence each.
-    pub without: Vec<String>,
+    /// What was left out because its file is missing.
+    pub without: Without,
 }
 
 /// What happens to an MJCF's meshes, height fields, skins and textures whose files are missing.
@@ -105,7 +106,7 @@ pub fn read(path: &Path, root: Option<&Path>, missing: MissingFiles) -> Result<P
     if format == Format::Urdf {
         check(&doc, path)?;
         drop(doc);
-        let (assets, without) = (Vec::new(), Vec::new());
+        let (assets, without) = (Vec::new(), Without::default());
         let path = path.into();
         return Ok(Project { format, xml, path, root, assets, parts: 1, foreign, without });
     }
@@ -113,7 +114,7 @@ pub fn read(path: &Path, root: Option<&Path>, missing: MissingFiles) -> Result<P
     let mut splice = Splice { dir: dir.into(), root: &root, seen, foreign, elements: 0, bytes: 0 };
     let mut xml = splice.expand(&xml, path, 0)?;
     let (parts, foreign) = (splice.seen.len() + 1, std::mem::take(&mut splice.foreign));
-    let mut without = Vec::new();
+    let mut without = Without::default();
     if missing == MissingFiles::LeaveOut {
         (xml, without) = missing::without(&xml, path, dir, &root)?;
     }
@@ -261,9 +262,6 @@ fn is_numbers(value: &str) -> bool {
     value.split_ascii_whitespace().all(|number| number.parse::<f64>().is_ok())
 }
 
-/// The way out if a file is missing.
-const WAY_OUT: &str = "; find or mend the file, or leave out what is missing: --without-meshes";
-
 fn assets(
     doc: &Document<'_>,
     path: &Path,
@@ -282,13 +280,8 @@ fn assets(
             let seen = known.get(&below).cloned();
             let real = match &seen {
                 Some(real) => real.clone(),
-                None => resolve(dir, &below, root).map_err(|why| {
-                    let way = match why {
-                        Unresolved::Missing(_) => WAY_OUT,
-                        Unresolved::Refused(_) => "",
-                    };
-                    refuse(node, path, format!("{tag} file {}{way}", String::from(why)))
-                })?,
+                None => resolve(dir, &below, root)
+                    .map_err(|m| refuse(node, path, format!("{tag} file {}", String::from(m))))?,
             };
             if tag == "texture" {
                 pictures.extend(mesh::png_size(&real));
@@ -297,8 +290,7 @@ fn assets(
                 continue;
             }
             known.insert(below.clone(), real.clone());
-            total += mesh::check_file(&real)
-                .map_err(|why| refuse(node, path, format!("{why}{WAY_OUT}")))?;
+            total += mesh::check_file(&real).map_err(|m| refuse(node, path, m))?;
             if total > limits::UPLOAD_BYTES || found.len() >= limits::PROJECT_FILES {
                 let message = format!(
                     "the model refers to more than {} files or {} bytes",

@@ -290,7 +290,7 @@ mod tests {
         let all = Contenders::new(&robot, &PolicyConfig::new(PolicyName::Auto)).unwrap();
         let cancel = Cancel::default();
         let mut chosen = all.perform(&command, &Start::Pose, 0, 2, &Silent, &cancel).unwrap();
-        let gaps = crate::GapFigures::of(&mut chosen.rollout).unwrap();
+        let gaps = crate::GapFigures::of(&mut chosen.rollout, &|| false).unwrap();
         assert_eq!((chosen.policy.label().as_str(), gaps.overshoot), ("ilqr+smooth", None));
     }
 

@@ -52,7 +52,7 @@ const PATH_WEIGHT: f64 = 0.02;
 /// The penalty for each 1 by which the jerk, relative to the minimum, exceeds [`MOST_JERK`].
 const JERK_WEIGHT: f64 = 5e-4;
 /// The penalty for each rad or m that the joints move within a hold.
-const RESTLESS_WEIGHT: f64 = 0.03;
+const RESTLESS_WEIGHT: f64 = 0.01;
 /// Limits of natural motion inside a gap: path relative to the straight line, and jerk relative to
 /// the minimum. Motion counts as smooth up to a jerk of 3; what is chosen should stay a little below.
 const LONGEST_PATH: f64 = 1.3;
@@ -70,8 +70,9 @@ pub struct Overshoot {
     pub joint: String,
     /// The frame.
     pub frame: usize,
-    /// Whether contact forces it: if the policy repeats the gap where nothing touches, the joint does not
-    /// leave its allowance on this side. False if it was not repeated ([`GapFigures::measure`]).
+    /// Whether it needs contact: if the policy repeats the gap where nothing touches, neither the robot itself
+    /// nor a floor, the joint does not leave its allowance on this side. False if it was not repeated
+    /// ([`GapFigures::measure`]).
     #[serde(default)]
     pub by_contact: bool,
 }
@@ -130,8 +131,8 @@ impl Motion<'_> {
 
 impl GapFigures {
     /// The figures of a rollout so far. `None` if nothing is masked. Gaps with an overshoot are repeated
-    /// without contact; the rollout stays as it is.
-    pub fn of(rollout: &mut Rollout) -> Option<GapFigures> {
+    /// without contact until `stopped`; the rollout stays as it is.
+    pub fn of(rollout: &mut Rollout, stopped: &dyn Fn() -> bool) -> Option<GapFigures> {
         let joints = rollout.robot().joints().iter().map(|j| j.name.clone());
         let joints: Vec<_> = joints.collect();
         let mut found = GapFigures::measure(rollout.goals(), rollout.states(), &joints)?;
@@ -143,7 +144,8 @@ impl GapFigures {
             let over: Vec<_> = over.filter(|(_, over)| !over.is_empty()).collect();
             let all = over.iter().flat_map(|(gap, over)| {
                 // An overshoot in a gap that cannot be repeated counts as not forced.
-                let forced = forced(rollout, gap, over).unwrap_or_else(|_| vec![false; over.len()]);
+                let forced =
+                    forced(rollout, gap, over, stopped).unwrap_or_else(|_| vec![false; over.len()]);
                 over.iter().zip(forced)
             });
             let worst = all.max_by(|(a, a_forced), (b, b_forced)| {
@@ -267,8 +269,14 @@ fn overshoots(motion: &Motion, goals: &Goals, gap: &Gap) -> Vec<Beyond> {
 
 /// Whether each of these overshoots of a gap stays away if the policy repeats the gap where nothing
 /// touches. The same actions would not do: a policy that resists a push leaves on the other side.
-fn forced(rollout: &mut Rollout, gap: &Gap, over: &[Beyond]) -> Result<Vec<bool>, Error> {
-    let alone = rollout.without_contact(gap.from, gap.to)?;
+fn forced(
+    rollout: &mut Rollout,
+    gap: &Gap,
+    over: &[Beyond],
+    stopped: &dyn Fn() -> bool,
+) -> Result<Vec<bool>, Error> {
+    // The frame of the goal is no part of the gap.
+    let alone = rollout.without_contact(gap.from, gap.to - 1, stopped)?;
     let dim = rollout.goals().dim();
     let stays = |o: &Beyond| {
         let mut reached = alone.chunks_exact(dim).map(|q| q[o.joint]);

@@ -8,7 +8,6 @@ use robert_base::rng::{Rng, Stream};
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Random {
     seed: u64,
-    frame: u64,
 }
 
 impl Policy for Random {
@@ -17,13 +16,12 @@ impl Policy for Random {
     }
 
     fn reset(&mut self, seed: u64) {
-        *self = Random { seed, frame: 0 };
+        *self = Random { seed };
     }
 
-    fn act(&mut self, _view: &View<'_>, action: &mut [f64]) -> Result<(), Error> {
-        let mut rng = Rng::new(self.seed, Stream::Noise, self.frame);
+    fn act(&mut self, view: &View<'_>, action: &mut [f64]) -> Result<(), Error> {
+        let mut rng = Rng::new(self.seed, Stream::Noise, view.frame as u64);
         action.fill_with(|| rng.range(-1.0, 1.0));
-        self.frame += 1;
         Ok(())
     }
 }

@@ -26,10 +26,11 @@ use robert_net::reach::Reach;
 /// whose full action is metres away. On some 40 robots the least driven direction is above .08, and
 /// joints that never left their stops have 0.
 const DRIVEN: f64 = 1e-2;
-/// Weight of a free joint relative to the joints with goals that it is coupled to.
+/// Weight of a joint that gives way relative to all others.
 const FREE: f64 = 1e-3;
-/// Two joints are coupled if their entry in the projection onto what actions do not move is above
-/// this. It is .5 for two joints on one tendon; the error of the estimate leaves less than .01.
+/// Two joints are coupled if their entry in the projection onto what actions move is above this,
+/// relative to the mean of their own two entries; each joint in units of its fastest motion. It is 1
+/// for any number of equal joints on one motor; on the hand the error of the estimate leaves .005.
 const COUPLED: f64 = 0.05;
 
 /// The map from goals to reachable goals, for one robot.
@@ -53,7 +54,10 @@ impl Reachable {
         let effect = DMatrix::from_fn(s, actions, |r, c| reach.effect[r][c]);
         let basis = driven(&effect, &reach.speed);
         let project = basis.as_ref().map(|q| q * q.transpose());
-        let group = project.as_ref().map_or_else(|| (0..s).collect(), groups);
+        let group = basis
+            .as_ref()
+            .and_then(|basis| groups(basis, &reach.speed))
+            .unwrap_or_else(|| (0..s).collect());
         Reachable { speed: reach.speed.clone(), basis, project, group }
     }
 
@@ -96,25 +100,32 @@ impl Reachable {
 }
 
 /// Groups of coupled joints, directly or through others; see [`Reachable::group`].
-fn groups(project: &DMatrix<f64>) -> Vec<usize> {
-    let joints = project.nrows();
-    let mut group: Vec<usize> = (0..joints).collect();
-    for (a, b) in (0..joints).flat_map(|a| (0..a).map(move |b| (a, b))) {
-        if project[(a, b)].abs() > COUPLED {
+fn groups(basis: &DMatrix<f64>, speed: &[f64]) -> Option<Vec<usize>> {
+    let units = units(speed);
+    let scaled = DMatrix::from_fn(basis.nrows(), basis.ncols(), |r, c| basis[(r, c)] / units[r]);
+    let q = scaled.svd(true, false).u?;
+    let p = &q * q.transpose();
+    let mut group: Vec<usize> = (0..p.nrows()).collect();
+    for (a, b) in (0..p.nrows()).flat_map(|a| (0..a).map(move |b| (a, b))) {
+        if 2.0 * p[(a, b)].abs() > COUPLED * (p[(a, a)] + p[(b, b)]) {
             let (from, to) = (group[a].max(group[b]), group[a].min(group[b]));
             group.iter_mut().filter(|g| **g == from).for_each(|g| *g = to);
         }
     }
-    group
+    Some(group)
+}
+
+/// The fastest motion of each joint, or 1 for all if some joint never moved.
+fn units(speed: &[f64]) -> Vec<f64> {
+    let still = speed.iter().any(|v| *v <= 0.0);
+    speed.iter().map(|v| if still { 1.0 } else { *v }).collect()
 }
 
 /// The directions that actions can move; `None` if they move everything.
 fn driven(effect: &DMatrix<f64>, speed: &[f64]) -> Option<DMatrix<f64>> {
     let s = effect.nrows();
-    let still = speed.iter().any(|v| *v <= 0.0);
-    let scaled = DMatrix::from_fn(s, effect.ncols(), |r, c| {
-        effect[(r, c)] / if still { 1.0 } else { speed[r] }
-    });
+    let units = units(speed);
+    let scaled = DMatrix::from_fn(s, effect.ncols(), |r, c| effect[(r, c)] / units[r]);
     let shares = DMatrix::from_fn(s, effect.ncols(), |r, c| match scaled.column(c).amax() {
         0.0 => 0.0,
         most => scaled[(r, c)] / most,
@@ -199,6 +210,19 @@ mod tests {
         assert_eq!(w.free, [false, true, false]);
         hand().project(&mut w);
         assert!(near(&w.command[..3], [0.6, 0.6, 0.3]), "{:?}", &w.command[..3]);
+    }
+
+    #[test]
+    fn joints_of_one_motor_are_coupled_whatever_their_number_and_units() {
+        let one = |effect: Vec<Vec<f64>>, speed: Vec<f64>| Reachable::new(&Reach { effect, speed });
+        // 24 joints on one tendon, and one of its own.
+        let many = (0..25).map(|j| if j < 24 { vec![0.1, 0.0] } else { vec![0.0, 0.1] });
+        let many = one(many.collect(), vec![1.0; 25]);
+        assert!(many.group[..24].iter().all(|g| *g == 0) && many.group[24] == 24, "{many:?}");
+        // A rack and its pinion of 10 mm.
+        let rack = one(vec![vec![1e-3], vec![0.1]], vec![0.01, 1.0]);
+        assert_eq!(rack.group, [0, 0]);
+        assert_eq!(hand().group, [0, 0, 2]);
     }
 
     #[test]

@@ -384,7 +384,15 @@ impl Rollout {
 
     /// The states of frames `from`+1 ..= `to` that the same policy reaches from frame `from` where nothing
     /// touches; (to - from, S). `to` must have been reached. The rollout stays as it is.
-    pub(super) fn without_contact(&mut self, from: usize, to: usize) -> Result<Vec<f64>, Error> {
+    ///
+    /// # Errors
+    /// As [`Rollout::step`], and [`Error::Cancelled`] as soon as `stopped`.
+    pub(super) fn without_contact(
+        &mut self,
+        from: usize,
+        to: usize,
+        stopped: &dyn Fn() -> bool,
+    ) -> Result<Vec<f64>, Error> {
         let mut model = self.plant.model().duplicate()?;
         model.set_contacts(false);
         let mut alone = Data::new(&Arc::new(model))?;
@@ -398,7 +406,9 @@ impl Rollout {
         let simulated = self.simulated;
         let plant = std::mem::replace(&mut self.plant, alone);
         self.policy.recall(&self.memories[from]);
-        let done = (from..to).try_for_each(|t| self.advance(t));
+        let done = (from..to).try_for_each(|frame| {
+            if stopped() { Err(Error::Cancelled { frame }) } else { self.advance(frame) }
+        });
         let states = self.reached.split_off(start);
         self.reached.extend(reached);
         self.actions.truncate(from * actions);
@@ -603,23 +613,58 @@ mod tests {
 
     #[test]
     fn a_gap_that_is_repeated_without_contact_leaves_the_rollout_as_it_is() {
-        let clip = crate::tasks::find("shadow_hand/rsp_high_mask", None).unwrap();
-        let (robot, command) = (robot("shadow_hand"), robert_clip::compile(&clip).unwrap());
-        for name in [PolicyName::Pd, PolicyName::Ridge] {
-            let mut whole = rollout(&robot, name, &command);
+        let robot = robot("shadow_hand");
+        let dim = robot.state_dim();
+        let mut ridge = PolicyConfig::new(PolicyName::Ridge);
+        ridge.inference.gain = true;
+        let cases = [
+            (PolicyConfig::new(PolicyName::Pd), "rsp_high_mask"),
+            (PolicyConfig::new(PolicyName::Random), "rsp_high_mask"),
+            (ridge, "rsp_high_mask"),
+        ];
+        for (policy, name) in cases {
+            let clip = crate::tasks::find(&format!("shadow_hand/{name}"), None).unwrap();
+            let command = robert_clip::compile(&clip).unwrap();
+            let begun = || {
+                let built = policy.build(&robot).unwrap();
+                let config = RolloutConfig::default();
+                Rollout::new(&robot, built, &command, Start::Pose, config).unwrap()
+            };
+            let (mut whole, mut cut) = (begun(), begun());
             whole.run(&Cancel::default()).unwrap();
-            let mut cut = rollout(&robot, name, &command);
             while cut.frame() < 60 {
                 cut.step().unwrap();
             }
-            let alone = cut.without_contact(26, 60).unwrap();
-            let dim = robot.state_dim();
-            // The first frames agree, then the fingers would have pushed the thumb.
-            assert_eq!((cut.frame(), alone.len()), (60, 34 * dim));
-            assert_ne!(alone, cut.states()[(HISTORY + 27) * dim..(HISTORY + 61) * dim]);
+            let reached = cut.states()[(HISTORY + 27) * dim..(HISTORY + 61) * dim].to_vec();
+            let (memories, simulated) = (cut.memories.clone(), cut.simulated());
+            let alone = cut.without_contact(26, 60, &|| false).unwrap();
+            // The fingers push the thumb; without contact it stays where it is.
+            assert_eq!(alone.len(), reached.len());
+            let far = |states: &[f64]| {
+                let thumb = states.chunks_exact(dim).map(|q| (q[dim - 1] - reached[dim - 1]).abs());
+                thumb.fold(0.0, f64::max)
+            };
+            if policy.name != PolicyName::Random {
+                assert!(far(&alone) < 0.03 && far(&reached) > 0.1, "{policy:?}");
+            }
+            assert_eq!((cut.frame(), cut.simulated()), (60, simulated));
+            assert_eq!(cut.memories, memories, "{policy:?}");
+            let stopped = cut.without_contact(26, 60, &|| true);
+            assert!(matches!(stopped, Err(Error::Cancelled { frame: 26 })));
             cut.run(&Cancel::default()).unwrap();
-            assert_eq!(bits(&cut), bits(&whole), "{name:?}");
+            assert_eq!(bits(&cut), bits(&whole), "{policy:?}");
         }
+    }
+
+    #[test]
+    fn a_gap_without_contact_is_repeated_bit_by_bit() {
+        let robot = robot("ur5e");
+        let command = command(&robot, 60, &[(0, 0.0), (30, 0.2), (59, -0.1)]);
+        let mut rollout = rollout(&robot, PolicyName::Ridge, &command);
+        rollout.run(&Cancel::default()).unwrap();
+        let alone = rollout.without_contact(10, 40, &|| false).unwrap();
+        let dim = robot.state_dim();
+        assert_eq!(alone, rollout.states()[(HISTORY + 11) * dim..(HISTORY + 41) * dim]);
     }
 
     /// After each of 200 random edits per robot the rollout has the same bits as a rollout from the

@@ -404,7 +404,8 @@ fn some(
                     Ok((one(rollout, case, &[cancel, &stop])?, chosen))
                 })
                 .inspect_err(|_| stop.cancel())?;
-            outcome.wall_secs = begin.elapsed().as_secs_f64();
+            // Nor do its figures belong to it.
+            outcome.wall_secs = begin.elapsed().as_secs_f64() - outcome.measuring_secs;
             outcome.chosen = chosen;
             mine.push((at, outcome));
             let n = done.fetch_add(frames(at), Ordering::Relaxed) + frames(at);
@@ -447,12 +448,14 @@ struct Outcome {
     error: Option<String>,
     chosen: Option<String>,
     wall_secs: f64,
+    measuring_secs: f64,
     frames: usize,
 }
 
 fn one(mut rollout: Rollout, case: &Case, stops: &[&Cancel]) -> Result<Outcome, Error> {
+    let stopped = || stops.iter().any(|c| c.is_cancelled());
     let result = loop {
-        if stops.iter().any(|c| c.is_cancelled()) {
+        if stopped() {
             break Err(Error::Cancelled { frame: rollout.frame() });
         }
         match rollout.step() {
@@ -464,7 +467,9 @@ fn one(mut rollout: Rollout, case: &Case, stops: &[&Cancel]) -> Result<Outcome, 
     let mut outcome = Outcome { frames: rollout.frame(), ..Outcome::default() };
     match result {
         Ok(()) => {
-            measure(&mut rollout, case, &mut outcome);
+            let begin = std::time::Instant::now();
+            measure(&mut rollout, case, &mut outcome, &stopped);
+            outcome.measuring_secs = begin.elapsed().as_secs_f64();
             Ok(outcome)
         }
         Err(e @ (Error::Simulation { .. } | Error::BadAction { .. })) => {
@@ -475,8 +480,8 @@ fn one(mut rollout: Rollout, case: &Case, stops: &[&Cancel]) -> Result<Outcome, 
     }
 }
 
-fn measure(rollout: &mut Rollout, case: &Case, outcome: &mut Outcome) {
-    outcome.gap = GapFigures::of(rollout);
+fn measure(rollout: &mut Rollout, case: &Case, outcome: &mut Outcome, stopped: &dyn Fn() -> bool) {
+    outcome.gap = GapFigures::of(rollout, stopped);
     let (goals, reached) = (rollout.goals(), rollout.reached());
     let mut precision = rollout.precision();
     if let (Some(truth), Start::Recorded { history, .. }) = (&case.truth, &case.start) {

@@ -192,7 +192,8 @@ fn drafted(config: &ImportConfig) -> Result<(preparse::Project, Draft), Error> {
     } else {
         preparse::MissingFiles::Refuse
     };
-    let (project, remarks) = attach::read(&config.source, config.root.as_deref(), missing)?;
+    let (project, remarks) =
+        attach::read(&config.source, config.root.as_deref(), missing).map_err(with_way_out)?;
     let mut draft = match project.format {
         preparse::Format::Mjcf => mjcf::draft(&project, config)?,
         preparse::Format::Urdf => urdf::draft(&project, config)?,
@@ -203,10 +204,27 @@ fn drafted(config: &ImportConfig) -> Result<(preparse::Project, Draft), Error> {
         let more = if more > 0 { format!(" and {more} more") } else { String::new() };
         draft.dropped.push(format!("parts for other programs: {}{more}", names.join(", ")));
     }
-    draft.dropped.extend(project.without.iter().cloned());
+    draft.dropped.extend(project.without.dropped.iter().cloned());
+    draft.warnings.extend(project.without.warnings.iter().cloned());
     draft.changed.extend(remarks.changed);
     draft.warnings.extend(remarks.warnings);
     Ok((project, draft))
+}
+
+/// The refusal of a missing mesh with the option that leaves it out.
+fn with_way_out(e: Error) -> Error {
+    const MISSING: [&str; 2] = ["does not exist", "pointer of Git LFS"];
+    const ASSETS: [&str; 4] = ["mesh file ", "hfield file ", "texture file ", "skin file "];
+    match e {
+        Error::Refused { message, line, column, path }
+            if MISSING.iter().any(|m| message.contains(m))
+                && (ASSETS.iter().any(|a| message.starts_with(a)) || message.contains("LFS")) =>
+        {
+            let way = "find or mend the file, or leave out what is missing: --without-meshes";
+            Error::Refused { message: format!("{message}; {way}"), line, column, path }
+        }
+        other => other,
+    }
 }
 
 /// Compiles the draft, fixes it, and compiles until nothing is left to fix.

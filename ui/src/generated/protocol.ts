@@ -2224,8 +2224,8 @@ export interface Trial {
   /** Why it failed. */
   error?: string;
   /**
-   * Penalty of its motion, rad or m: for overshoot, long paths and jerk in gaps, and for a missed
-   * frame. 0 if the motion is within the limits.
+   * Penalty of its motion, rad or m: for overshoot, long paths and jerk in gaps, for a missed frame and
+   * for motion within holds. 0 if the motion is within the limits.
    */
   gaps: number;
   /** The policy, as in `PolicyConfig::label`. */

@@ -90,7 +90,8 @@ fn whole(
     project.parts += models.by_name.values().map(|m| m.project.parts).sum::<usize>();
     for Submodel { project: part, .. } in models.by_name.values() {
         project.foreign.extend(part.foreign.iter().cloned());
-        project.without.extend(part.without.iter().cloned());
+        project.without.dropped.extend(part.without.dropped.iter().cloned());
+        project.without.warnings.extend(part.without.warnings.iter().cloned());
     }
     project.assets = preparse::again(&text, source, &project.root)?;
     project.xml = text;
