@@ -2,7 +2,7 @@
 
 use crate::command::Sight;
 use crate::document::Fill;
-use crate::lint::finder::Finder;
+use crate::lint::finder::{Finder, some_of};
 use crate::lint::finding::{Fix, Level, Lint, Rule};
 use crate::op::{KeysHold, MaskSet, Op};
 
@@ -61,7 +61,7 @@ impl Finder<'_> {
         } else {
             format!(
                 ", although that key has no value for {}: a key ends the hold of all joints",
-                listed(&joints)
+                some_of(&joints)
             )
         };
         format!("at the key at frame {}{rest}", next.frame)
@@ -82,7 +82,7 @@ impl Finder<'_> {
             message: format!(
                 "the fill after frame {} leaves out {}: a line or curve needs values in both keys, and the one at frame {to} has none",
                 from - 1,
-                listed(&joints)
+                some_of(&joints)
             ),
             frames: Some([from, to]),
             joints,
@@ -105,15 +105,5 @@ impl Finder<'_> {
                 && self.command.next_goal(next.frame, *j).is_some()
         };
         (0..clip.dim()).filter(lacks).filter_map(|j| clip.robot.joints.get(j).cloned()).collect()
-    }
-}
-
-/// The first of these joints, and how many more there are.
-fn listed(joints: &[String]) -> String {
-    const NAMED: usize = 3;
-    let named = joints.iter().take(NAMED).map(String::as_str).collect::<Vec<_>>().join(", ");
-    match joints.len().saturating_sub(NAMED) {
-        0 => named,
-        more => format!("{named} and {more} more"),
     }
 }
