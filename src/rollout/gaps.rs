@@ -388,9 +388,10 @@ fn farthest(joints: &[usize], dim: usize, states: &[f64]) -> f64 {
     reached.chunks_exact(dim).map(way).fold(0.0, f64::max)
 }
 
-/// Penalty of a motion, rad or m: for overshoot, long paths and jerk in gaps, for the frame that is
-/// missed most, and for motion in the most restless hold; `states` is (30 + frames, S), up to any frame. In the mean over frames a key of one frame
-/// hardly counts, but a person sees that it is missed, as well as an overshoot by as much.
+/// Penalty of a motion, rad or m: for overshoot, long paths and jerk in gaps, for the frame that is missed
+/// most, and for motion in the most restless hold; `states` is (30 + frames, S), up to any frame. In the
+/// mean over frames a key of one frame hardly counts, but a person sees that it is missed, as well as an
+/// overshoot by as much.
 pub(super) fn penalty(goals: &Goals, states: &[f64]) -> f64 {
     let gap = GapFigures::measure(goals, states, &names(goals)).unwrap_or_default();
     let swing = gap.overshoot.map_or(0.0, |o| o.value);
