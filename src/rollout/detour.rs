@@ -9,6 +9,7 @@
 use std::ops::Range;
 
 use super::gaps::{self, Unnatural};
+use super::holds;
 use super::jam;
 use super::judge::{Judge, commanded};
 use super::parts::counted;
@@ -24,6 +25,8 @@ const BUDGET_MOST: usize = 32_000;
 const BEFORE: u64 = 20;
 /// Frames after a large error at which a movement ends.
 const AFTER: u64 = 25;
+/// The share of movements that last for a whole hold, if the error is in a long one.
+const WHOLE_HOLDS: f64 = 0.5;
 /// Joints that move besides the one with the error, on average (nearly).
 const OTHERS: f64 = 1.0;
 /// The farthest that the search moves a goal in all, rad or m.
@@ -134,13 +137,22 @@ impl Detours {
         let d = goals.dim();
         let mut shift = self.shift.clone();
         let (mut first, mut last) = (self.part.end, 0);
+        // A short hold is covered by a movement anyway.
+        let hold = holds::around(goals, place.frame, place.joint);
+        let long = hold.filter(|hold| hold.len() as u64 > BEFORE + AFTER);
+        let whole = long.filter(|_| rng.uniform() < WHOLE_HOLDS);
         for j in 0..d {
             if j != place.joint && rng.uniform() * d as f64 > OTHERS {
                 continue;
             }
             let by = rng.range(-FARTHEST, FARTHEST);
-            let begin = place.frame.saturating_sub(rng.below(BEFORE) as usize).max(self.part.start);
-            let end = (place.frame + 1 + rng.below(AFTER) as usize).min(self.part.end);
+            let before = place.frame.saturating_sub(rng.below(BEFORE) as usize);
+            let after = place.frame + 1 + rng.below(AFTER) as usize;
+            let (begin, end) = match &whole {
+                Some(hold) => (hold.start.min(before), hold.end),
+                None => (before, after),
+            };
+            let (begin, end) = (begin.max(self.part.start), end.min(self.part.end));
             (first, last) = (first.min(begin), last.max(end));
             for f in begin..end {
                 let share = (f + 1 - begin).min(end - f).min(EASE) as f64 / EASE as f64;
@@ -240,10 +252,10 @@ mod tests {
 
     const FRAMES: usize = 60;
 
-    /// Three joints with goal 0 throughout.
-    fn goals() -> Goals {
+    /// Three joints with the same goals, by frame.
+    fn goals(at: impl Fn(usize) -> f32) -> Goals {
         let names = ["a", "b", "c"].map(str::to_owned).to_vec();
-        let (q, seen) = (vec![0.0; 3 * FRAMES], vec![true; 3 * FRAMES]);
+        let (q, seen) = ((0..3 * FRAMES).map(|i| at(i / 3)).collect(), vec![true; 3 * FRAMES]);
         Goals::new(&Command::from_dense(names, vec![0.0; 3], q, seen).unwrap())
     }
 
@@ -260,7 +272,8 @@ mod tests {
 
     #[test]
     fn goals_move_near_the_joint_that_stays_away_and_no_farther_than_allowed() {
-        let goals = goals();
+        // Hardly a hold.
+        let goals = goals(|f| 1e-5 * f as f32);
         let states = away(1, 30, 55);
         assert!(may_help(&goals, &goals, &states));
         assert_eq!(budget(FRAMES, goals.dim()), 4 * BUDGET * FRAMES);
@@ -277,8 +290,26 @@ mod tests {
     }
 
     #[test]
+    fn half_of_the_movements_last_for_a_long_hold() {
+        let states = away(1, 10, 40);
+        let spans = |goals: &Goals| {
+            let mut detours = about(goals, &states, 0.0, 1..FRAMES);
+            let mut span = || {
+                let tried = detours.next(goals).unwrap().shift;
+                let moved = (0..3 * FRAMES).filter(|i| tried[*i] != 0.0).map(|i| i / 3);
+                (moved.clone().min().unwrap(), moved.max().unwrap())
+            };
+            (0..100).map(|_| span()).filter(|s| *s == (1, FRAMES - 1)).count()
+        };
+        assert!((30..70).contains(&spans(&goals(|_| 0.0))));
+        // A goal that moves, and a hold that a movement of a moment covers.
+        assert_eq!(spans(&goals(|f| 1e-3 * f as f32)), 0);
+        assert_eq!(spans(&goals(|f| f32::from(u8::from(f >= 40)))), 0);
+    }
+
+    #[test]
     fn nothing_is_tried_where_every_joint_arrives() {
-        let goals = goals();
+        let goals = goals(|_| 0.0);
         let states: Vec<f64> = away(0, 30, 40).iter().map(|x| 0.2 * x).collect();
         assert!(!may_help(&goals, &goals, &states));
         let mut detours = about(&goals, &states, 0.0, 1..FRAMES);
@@ -287,7 +318,7 @@ mod tests {
 
     #[test]
     fn only_goals_of_the_part_move() {
-        let goals = goals();
+        let goals = goals(|_| 0.0);
         let mut states = away(1, 30, 55);
         (10..20).for_each(|f| states[3 * (HISTORY + f)] = 0.2);
         let mut detours = about(&goals, &states, 0.0, 28..50);

@@ -53,6 +53,8 @@ const PATH_WEIGHT: f64 = 0.02;
 const JERK_WEIGHT: f64 = 5e-4;
 /// The penalty for each rad or m that the joints move within a hold.
 const RESTLESS_WEIGHT: f64 = 0.01;
+/// Less motion in a hold is no place to search, rad or m.
+const RESTLESS: f64 = 0.1;
 /// Limits of natural motion inside a gap: path relative to the straight line, and jerk relative to
 /// the minimum. Motion counts as smooth up to a jerk of 3; what is chosen should stay a little below.
 const LONGEST_PATH: f64 = 1.3;
@@ -429,7 +431,7 @@ pub(super) struct Unnatural {
     pub(super) penalty: f64,
 }
 
-/// The joint that overshoots most, and if the jerk exceeds its limit, the strongest jolt of the gap
+/// The joint that overshoots most, that which moves most in the most restless hold, and if the jerk exceeds its limit, the strongest jolt of the gap
 /// with the most.
 pub(super) fn unnatural_places(goals: &Goals, states: &[f64]) -> Vec<Unnatural> {
     let motion = Motion { states, dim: goals.dim() };
@@ -439,6 +441,10 @@ pub(super) fn unnatural_places(goals: &Goals, states: &[f64]) -> Vec<Unnatural> 
     if let Some(over) = all.max_by(|a, b| a.value.total_cmp(&b.value)) {
         let penalty = counted(SWING_WEIGHT * over.value);
         found.push(Unnatural { frame: over.frame, joint: over.joint, penalty });
+    }
+    let restless = holds::restless(goals, states).filter(|(motion, ..)| *motion > RESTLESS);
+    if let Some((motion, frame, joint)) = restless {
+        found.push(Unnatural { frame, joint, penalty: counted(RESTLESS_WEIGHT * motion) });
     }
     let figures = GapFigures::measure(goals, states, &names(goals)).unwrap_or_default();
     let excess = figures.jerk.map_or(0.0, |j| j - MOST_JERK);

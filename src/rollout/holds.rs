@@ -5,6 +5,9 @@
 //! end. The first [`SETTLES`] frames are for arriving. After them the length of the joint's path counts, less
 //! what it has come nearer to its goal by the end: a finger that is free at last may still arrive.
 
+use std::collections::btree_map::Entry;
+use std::ops::Range;
+
 use super::window::{Goals, HISTORY};
 use super::worst::Worst;
 
@@ -48,6 +51,16 @@ fn holds(goals: &Goals, frames: usize) -> Vec<Hold> {
     found
 }
 
+/// The frames about this one with the same goal of a joint; `None` if it has no goal there.
+pub(super) fn around(goals: &Goals, frame: usize, joint: usize) -> Option<Range<usize>> {
+    let goal = |f: usize| goals.is_visible(f, joint).then(|| goals.row(f)[joint]);
+    let here = goal(frame)?;
+    let same = |f: &usize| goal(*f).is_some_and(|there| (there - here).abs() < SAME);
+    let before = (1..frame).rev().take_while(same).count();
+    let after = (frame..goals.frames()).take_while(same).count();
+    Some(frame - before..frame + after)
+}
+
 /// The motion of a joint in each hold that does not bring it nearer, rad or m. `states` is (30 + frames, S),
 /// up to any frame.
 fn motions<'a>(goals: &'a Goals, states: &'a [f64]) -> impl Iterator<Item = (Hold, f64)> + 'a {
@@ -71,11 +84,27 @@ pub(super) fn longest(goals: &Goals, states: &[f64], joints: &[String]) -> Optio
 
 /// The motion of all joints in the most restless hold, beyond what each may move; rad or m.
 pub(super) fn restlessness(goals: &Goals, states: &[f64]) -> f64 {
-    let mut by_end = std::collections::BTreeMap::<usize, f64>::new();
+    restless(goals, states).map_or(0.0, |(sum, _, _)| sum)
+}
+
+/// That motion, and the frame and the joint where that hold begins to matter: of the joint that moves most in it.
+pub(super) fn restless(goals: &Goals, states: &[f64]) -> Option<(f64, usize, usize)> {
+    let mut by_end = std::collections::BTreeMap::<usize, (f64, Hold, f64)>::new();
     for (hold, motion) in motions(goals, states) {
-        *by_end.entry(hold.to).or_default() += (motion - ALLOWANCE).max(0.0);
+        let more = (motion - ALLOWANCE).max(0.0);
+        match by_end.entry(hold.to) {
+            Entry::Vacant(free) => drop(free.insert((more, hold, motion))),
+            Entry::Occupied(mut one) => {
+                let (sum, worst, most) = one.get_mut();
+                *sum += more;
+                if motion > *most {
+                    (*worst, *most) = (hold, motion);
+                }
+            }
+        }
     }
-    by_end.into_values().fold(0.0, f64::max)
+    let all = by_end.into_values().map(|(sum, hold, _)| (sum, hold.from, hold.joint));
+    all.filter(|a| a.0 > 0.0).max_by(|a, b| a.0.total_cmp(&b.0))
 }
 
 #[cfg(test)]
@@ -97,6 +126,14 @@ mod tests {
         let at = |f: usize| if (between[0]..between[1]).contains(&f) { 1.0 + step } else { 1.0 };
         let reached = (0..frames).flat_map(|f| [at(f), 1.0]);
         vec![1.0; HISTORY * 2].into_iter().chain(reached).collect()
+    }
+
+    #[test]
+    fn a_hold_is_the_frames_around_with_the_same_goal() {
+        let goals = goals();
+        assert_eq!(around(&goals, 15, 0), Some(10..30));
+        assert_eq!(around(&goals, 10, 1), Some(10..11));
+        assert_eq!(around(&goals, 40, 0), None);
     }
 
     #[test]
@@ -122,6 +159,9 @@ mod tests {
         let mut late = states(0.3, [0, 25], 60);
         late.iter_mut().skip(1).step_by(2).for_each(|q| *q = 1.0);
         assert!(restlessness(&goals, &late) < 1e-9);
+        assert_eq!(restless(&goals, &late), None);
+        let (_, frame, joint) = restless(&goals, &all).unwrap();
+        assert_eq!((frame, joint), (10 + SETTLES - 1, 0));
         // So far it has not moved.
         assert!(restlessness(&goals, &states(0.3, [22, 25], 20)) < 1e-9);
     }
