@@ -8,10 +8,10 @@
 
 use std::ops::Range;
 
-use super::gaps::{self, Unnatural};
 use super::holds;
 use super::jam;
 use super::judge::{Judge, commanded};
+use super::natural;
 use super::parts::counted;
 use super::run::Rollout;
 use super::window::{Goals, HISTORY};
@@ -106,7 +106,7 @@ impl Detours {
         Detours {
             shift,
             states: states.to_vec(),
-            gaps: gaps::counted(gaps::penalty(goals, states)),
+            gaps: natural::counted(natural::penalty(goals, states)),
             places: places(goals, plan, states, judge, part.start),
             errors: (0..part.end).map(|f| judge.error_at(goals, reached, f)).collect(),
             judge: judge.clone(),
@@ -190,7 +190,7 @@ impl Detours {
         one.compared = true;
         let mut whole = self.states.clone();
         whole[..trial.states().len()].copy_from_slice(trial.states());
-        let gaps = gaps::counted(gaps::penalty(goals, &whole)) - self.gaps;
+        let gaps = natural::counted(natural::penalty(goals, &whole)) - self.gaps;
         one.worse + gaps * commanded(goals, &counted(&self.part)) < 0.0
     }
 
@@ -229,7 +229,7 @@ fn places(goals: &Goals, plan: &Goals, states: &[f64], judge: &Judge, from: usiz
         let stays = |p: &&mut Place| p.joint == jam.joint && (jam.from..jam.to).contains(&p.frame);
         found.iter_mut().filter(stays).for_each(|p| p.cost *= STAYS);
     }
-    for Unnatural { frame, joint, penalty } in gaps::unnatural_places(goals, states) {
+    for natural::Place { frame, joint, penalty } in natural::places(goals, states) {
         // Only goals that the policy sees can move.
         let seen = (from..end).filter(|&f| plan.is_visible(f, joint));
         let inside = frame >= from;

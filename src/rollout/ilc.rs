@@ -8,8 +8,8 @@
 //! is: errors are measured against it.
 
 use super::error::Error;
-use super::gaps::unnatural;
 use super::judge::Judge;
+use super::natural::unnatural;
 use super::policy_config::PolicyConfig;
 use super::run::Rollout;
 use super::window::Goals;

@@ -12,8 +12,8 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use super::gaps;
 use super::jam::Off;
+use super::natural;
 use super::run::Rollout;
 use super::window::{Goals, HISTORY};
 use robert_robot::{Coupling, Robot};
@@ -119,7 +119,7 @@ impl Judge {
     fn sum(&self, motion: &Rollout, part: &Range<usize>) -> f64 {
         let (goals, reached) = (motion.goals(), motion.reached());
         let errors: f64 = part.clone().map(|f| self.error_at(goals, reached, f)).sum();
-        let penalty = gaps::counted(gaps::unnatural_until(motion, part.end));
+        let penalty = natural::counted(natural::unnatural_until(motion, part.end));
         errors / commanded(goals, part).max(1.0) + penalty
     }
 
@@ -128,7 +128,7 @@ impl Judge {
     pub(super) fn score(&self, rollout: &Rollout) -> Option<f64> {
         let goals = rollout.goals();
         let precision = rollout.precision().precision?;
-        let penalty = gaps::counted(gaps::unnatural(rollout));
+        let penalty = natural::counted(natural::unnatural(rollout));
         let weighted = match self.weights {
             None if self.ties.is_empty() => precision,
             _ => {

@@ -8,9 +8,9 @@
 
 use super::detour;
 use super::error::Error;
-use super::gaps::{counted, unnatural};
 use super::ilc::Repeats;
 use super::jam::{self, Off};
+use super::natural::{counted, unnatural};
 use super::planned::{self, Planned};
 use super::policy_config::PolicyConfig;
 use super::run::Rollout;

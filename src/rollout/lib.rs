@@ -34,6 +34,7 @@ mod judge;
 mod learned;
 mod learner;
 mod live;
+mod natural;
 mod nearest;
 mod nominal_model;
 mod notation;

@@ -9,9 +9,9 @@ use std::ops::Range;
 
 use super::detour::{self, Detours, Try};
 use super::error::Error;
-use super::gaps::{unnatural, unnatural_until};
 use super::jam::Off;
 use super::judge::Judge;
+use super::natural::{unnatural, unnatural_until};
 use super::parts::{counted, parts};
 use super::run::Rollout;
 

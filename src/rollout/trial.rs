@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::error::Error;
-use super::gaps::{counted, unnatural};
+use super::natural::{counted, unnatural};
 use super::policy_config::PolicyConfig;
 use super::run::Rollout;
 
