@@ -305,6 +305,7 @@ fn import_leg(extra: &[&str]) -> crate::run::Robert {
   </worldbody>
   <actuator><position name="hip" joint="hip" kp="50" kv="2" forcerange="-40 40" ctrlrange="-1 1"/></actuator>
   <sensor><jointpos joint="hip"/></sensor>
+  <sensor><jointvel joint="hip"/></sensor>
 </mujoco>"#;
     let mut args = vec!["import", "leg/xml/leg.xml", "--out", "bot", "--json"];
     args.extend(extra);
@@ -338,7 +339,9 @@ fn an_mjcf_with_includes_and_meshes_becomes_a_folder() {
     let changed = notes(&v, "changed");
     assert!(changed.contains("servo \"hip\" became a motor of -40 to 40"), "{changed}");
     assert!(changed.contains("1 nameless joints"), "{changed}");
-    assert!(notes(&v, "dropped").contains("option/ls_iterations"));
+    let dropped = notes(&v, "dropped");
+    assert!(dropped.contains("option/ls_iterations"));
+    assert_eq!(dropped.matches("sensors:").count(), 1, "{dropped}");
     let robot = Robot::from_folder(&ran.path("bot")).unwrap();
     assert_eq!(robot.actuators()[0].ctrlrange, [-40.0, 40.0]);
     let m = robot.model();

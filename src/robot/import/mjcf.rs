@@ -131,7 +131,7 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
         if UNUSED.contains(&tag) {
             edits.replace(section.range(), blank(&named, section));
             if tag == "sensor" {
-                draft.dropped.push("sensors: the state is the joint positions".into());
+                once(&mut draft.dropped, "sensors: the state is the joint positions");
             }
         }
     }
@@ -144,7 +144,7 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
     if loosened || split || !config.weld.is_empty() {
         for key in doc.root_element().children().filter(|n| n.has_tag_name("keyframe")) {
             edits.replace(key.range(), blank(&named, key));
-            draft.dropped.push("keyframes: their qpos counts the joints that were replaced".into());
+            once(&mut draft.dropped, "keyframes: their qpos counts the joints that were replaced");
         }
     }
     let limits = autolimits(&doc);
@@ -416,6 +416,13 @@ fn weld(
         }
     }
     Ok(())
+}
+
+/// Adds a line unless it is there: a file may have several sections of one kind.
+fn once(lines: &mut Vec<String>, line: &str) {
+    if !lines.iter().any(|there| there == line) {
+        lines.push(line.to_owned());
+    }
 }
 
 /// Later versions infer a limit from a range. 2.2.2 refuses a range without "limited", so adding
