@@ -16,11 +16,17 @@ export const begun = (): boolean => (store.doc.value?.clip.keys.length ?? 0) < 2
 export function Problems() {
   const all = store.doc.value?.findings.lints ?? [];
   const lints = begun() ? all.filter((l) => l.rule !== "blind-span") : all;
-  const title = lints.length ? `Problems (${lints.length})` : begun() ? "Next step" : "No problems";
+  const problems = lints.filter((l) => l.level !== "info").length;
+  const hints = lints.length - problems;
+  const title = problems
+    ? `Problems (${problems})`
+    : begun()
+      ? "Next step"
+      : `No problems${hints ? `, hints (${hints})` : ""}`;
   return (
     <section class="panel problems" aria-label="Problems" data-testid="problems">
-      <h2 class={lints.length || begun() ? "" : "well"}>
-        <Icon of={lints.length ? TriangleAlert : begun() ? Footprints : CircleCheck} size={14} />
+      <h2 class={problems || begun() ? "" : "well"}>
+        <Icon of={problems ? TriangleAlert : begun() ? Footprints : CircleCheck} size={14} />
         {title}
       </h2>
       {begun() ? (
