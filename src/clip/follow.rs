@@ -21,6 +21,8 @@ pub(super) struct Completed {
     pub(super) rows: Vec<Option<Row>>,
     /// For each joint of the clip, the joints that move with it, itself included.
     groups: Vec<Vec<usize>>,
+    /// For each joint, whether its value follows from others in some key.
+    follows: Vec<bool>,
 }
 
 impl Completed {
@@ -49,7 +51,23 @@ impl Completed {
             }
             (new != *row).then_some(new)
         };
-        Completed { rows: rows.into_iter().map(|row| complete(row?)).collect(), groups }
+        let new: Vec<Option<Row>> = rows.iter().map(|row| complete((*row)?)).collect();
+        let mut follows = vec![false; clip.dim()];
+        for (old, new) in
+            rows.iter().zip(&new).filter_map(|(old, new)| Some(((*old)?, new.as_ref()?)))
+        {
+            for (j, follows) in follows.iter_mut().enumerate() {
+                *follows |= old[j] != new[j];
+            }
+        }
+        Completed { rows: new, groups, follows }
+    }
+
+    /// Whether a key with these values opens a joint that it has no value for: one that follows others, which it
+    /// moves. A line that passes the key would lead the joint away from where they carry it.
+    pub(super) fn opens(&self, row: &Row, joint: usize) -> bool {
+        self.follows.get(joint) == Some(&true)
+            && self.groups[joint].iter().any(|mate| row[*mate].is_some())
     }
 
     /// Hides goals that follow from others where those are hidden, or where an offset moves one of them. All

@@ -4,6 +4,8 @@
 //! names other files. It breaks when one of them is moved or changed, and no other tool could read
 //! it.
 
+use std::collections::BTreeMap;
+
 use super::edit::Edit;
 use super::error::{Done, OpError, argument};
 use crate::command::Command;
@@ -50,18 +52,32 @@ impl Edit<'_> {
         self.blend_at(from + length + trail, trail)
     }
 
-    /// Makes a key on both sides of `at`, if a curve or a line passes there.
+    /// Makes a key on both sides of `at` for the joints that are commanded there, so that nothing leads from one
+    /// side to the other.
     fn split(&mut self, at: u32) -> Done {
         let Some(before) = at.checked_sub(1) else { return Ok(()) };
         let bare = Clip { offsets: Vec::new(), masks: Vec::new(), ..self.clip.clone() };
-        let command = compile_for(&bare, self.table)?;
+        let mut command = compile_for(&bare, self.table)?;
+        if !self.one_key_commands(&command, before) {
+            // Joints are held and filled in different ways, which one key cannot say.
+            let last = |(i, k): (usize, &Key)| {
+                let next = self.clip.keys.get(i + 1);
+                k.frame <= before && next.is_none_or(|n| n.frame > before)
+            };
+            let chosen = self.clip.keys.iter().enumerate().map(last).collect();
+            self.dense(&command, chosen, |frame, joint, own| {
+                own.unwrap_or_else(|| f64::from(command.row(frame)[joint]))
+            })?;
+            let bare = Clip { offsets: Vec::new(), masks: Vec::new(), ..self.clip.clone() };
+            command = compile_for(&bare, self.table)?;
+        }
         let i = self.clip.keys.partition_point(|k| k.frame <= before);
         let Some(i) = i.checked_sub(1) else { return Ok(()) };
         let fill = self.clip.fill_after(&self.clip.keys[i]);
-        let is_held = self.clip.hold_end(i) > before;
+        let held = self.clip.hold_end(i);
         for frame in [before, at] {
             let is_there = self.clip.key(frame).is_some();
-            if is_there || frame >= self.clip.length || (frame == before && is_held) {
+            if is_there || frame >= self.clip.length || (frame == before && held > before) {
                 continue;
             }
             let sees = |j| command.sees(frame, j).then(|| round(f64::from(command.row(frame)[j])));
@@ -69,19 +85,35 @@ impl Edit<'_> {
             if row.iter().all(Option::is_none) {
                 continue;
             }
-            let mut key = Key::with(frame, Goal::Q(row)).filled(fill);
+            // A hold goes on after it.
+            let hold = if frame == at { held.saturating_sub(at).max(1) } else { 1 };
+            let mut key = Key::with(frame, Goal::Q(row)).filled(fill).held(hold);
             if fill == Fill::Cubic {
                 let other = if frame == before { before.checked_sub(1) } else { Some(at + 1) };
-                key.tangents = self.slopes(&command, frame, other);
+                key.tangents = self.slopes(&command, frame, other.filter(|_| hold == 1));
             }
             self.place(vec![key], false)?;
         }
         Ok(())
     }
 
+    /// Whether the last key up to a frame commands all joints that have a goal there, and no joint is led past
+    /// a key at the next frame.
+    fn one_key_commands(&self, command: &Command, frame: u32) -> bool {
+        let (clip, tracks) = (&*self.clip, command.tracks());
+        let last = clip.keys.partition_point(|k| k.frame <= frame);
+        let Some(i) = last.checked_sub(1) else { return true };
+        let is_passed = clip.keys.get(last).is_some_and(|next| {
+            let passes = |j: usize| command.sees(frame, j) && command.sees(next.frame, j);
+            next.frame == frame + 1
+                && (0..clip.dim()).any(|j| passes(j) && tracks.until(clip, i, j) > next.frame)
+        });
+        !is_passed && (0..clip.dim()).all(|j| tracks.has(i, j) || !command.sees(frame, j))
+    }
+
     /// Makes a smooth curve over the `blend` frames before `to`. It leads from the last key before
-    /// those frames to the first key at `to` or later, and keeps the speed of the motion at both
-    /// ends.
+    /// those frames to the first key at `to` or later of each joint, and keeps the speed of the motion at both
+    /// ends. A joint without a value in that last key stays as it was.
     fn blend_at(&mut self, to: u32, blend: u32) -> Done {
         let next = self.clip.keys.partition_point(|k| k.frame < to);
         let (Some(i), true) = (next.checked_sub(1), blend > 0 && next < self.clip.keys.len())
@@ -89,35 +121,38 @@ impl Edit<'_> {
             return Ok(());
         };
         let command = self.command()?;
-        let (last, first) = (self.clip.hold_end(i) - 1, self.clip.keys[next].frame);
-        let is_held = |i: usize| self.clip.hold_end(i) > self.clip.keys[i].frame + 1;
-        // What is held rests.
-        let before = last.checked_sub(1).filter(|_| !is_held(i));
-        let out = self.slopes(&command, last, before);
-        let arriving = self.slopes(&command, first, Some(first + 1).filter(|_| !is_held(next)));
+        let (clip, tracks) = (&*self.clip, command.tracks());
+        let mut leaving = BTreeMap::new();
+        let mut arriving: BTreeMap<usize, BTreeMap<String, Tangent>> = BTreeMap::new();
+        for (j, name) in clip.robot.joints.iter().enumerate().filter(|(j, _)| tracks.has(i, *j)) {
+            let Some(n) = tracks.next(i, j) else { continue };
+            let (last, first) = (tracks.hold_end(clip, i, j) - 1, clip.keys[n].frame);
+            // What is held rests.
+            let is_held = |k: usize| tracks.hold_end(clip, k, j) > clip.keys[k].frame + 1;
+            let before = last.checked_sub(1).filter(|_| !is_held(i));
+            let after = Some(first + 1).filter(|_| !is_held(n));
+            leaving.insert(name.clone(), slope(&command, j, last, before));
+            let there = arriving.entry(n).or_default();
+            there.insert(name.clone(), slope(&command, j, first, after));
+        }
         self.clip.keys[i].fill = Some(Fill::Cubic);
-        self.clip.keys[i].tangents = out;
-        self.clip.keys[next].tangents = arriving;
+        self.clip.keys[i].tangents.extend(leaving);
+        for (n, slopes) in arriving {
+            self.clip.keys[n].tangents.extend(slopes);
+        }
         Ok(())
     }
 
-    /// The speed of each joint at this frame, measured from a neighbouring frame; 0 if there is
-    /// none.
+    /// The slopes of the joints that have a goal at this frame, as [`slope`] measures them.
     fn slopes(
         &self,
         command: &Command,
         frame: u32,
         beside: Option<u32>,
-    ) -> std::collections::BTreeMap<String, Tangent> {
-        let slope = |j: usize| {
-            let other = beside.filter(|o| command.sees(frame, j) && command.sees(*o, j))?;
-            let step = f64::from(command.row(frame)[j]) - f64::from(command.row(other)[j]);
-            let speed = step / (f64::from(frame) - f64::from(other)) / CTRL_DT;
-            let most = limits::CLIP_VALUE_MAX;
-            (speed.abs() > REST).then(|| Tangent::Slope(round(speed.clamp(-most, most))))
-        };
+    ) -> BTreeMap<String, Tangent> {
         let joints = self.clip.robot.joints.iter().enumerate();
-        joints.map(|(j, name)| (name.clone(), slope(j).unwrap_or(Tangent::FLAT))).collect()
+        let seen = joints.filter(|(j, _)| command.sees(frame, *j));
+        seen.map(|(j, name)| (name.clone(), slope(command, j, frame, beside))).collect()
     }
 
     /// All blocks in order; they do not overlap.
@@ -208,4 +243,14 @@ impl Edit<'_> {
         super::masks::merge_masks(&mut clip.masks);
         Ok(())
     }
+}
+
+/// The speed of a joint at this frame, measured from a neighbouring frame; 0 if there is none.
+fn slope(command: &Command, joint: usize, frame: u32, beside: Option<u32>) -> Tangent {
+    let other = beside.filter(|o| command.sees(frame, joint) && command.sees(*o, joint));
+    let Some(other) = other else { return Tangent::FLAT };
+    let step = f64::from(command.row(frame)[joint]) - f64::from(command.row(other)[joint]);
+    let speed = step / (f64::from(frame) - f64::from(other)) / CTRL_DT;
+    let most = limits::CLIP_VALUE_MAX;
+    if speed.abs() > REST { Tangent::Slope(round(speed.clamp(-most, most))) } else { Tangent::FLAT }
 }
