@@ -452,7 +452,9 @@ impl Command {
             q.extend(from.iter().filter_map(|&j| row.get(j).copied()));
             visible.extend(from.iter().map(|&j| self.sees(t, j)));
         }
-        Some(Command::assemble(joints.to_vec(), start, q, visible).with_spans(self.spans.clone()))
+        let tracks = self.tracks.reordered(&from);
+        let command = Command::assemble(joints.to_vec(), start, q, visible);
+        Some(command.with_spans(self.spans.clone()).with_tracks(tracks))
     }
 
     /// Length in seconds.

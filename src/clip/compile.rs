@@ -429,14 +429,52 @@ mod tests {
             Mask { from: 1, to: 3, joints: Some(vec!["a".into()]) },
         ];
         let c = compile(&k).unwrap();
-        assert_eq!(c.sight(1), Sight::Masked, "b is null at one end, a is masked");
+        assert_eq!(c.sight(1), Sight::Partial, "a is masked, b goes from 0 to 9 past the key at 4");
+        assert_eq!((c.sight(0), c.sight(4), c.sight(8)), (Sight::Full, Sight::Full, Sight::Masked));
+        assert!(c.sees(3, 0) && c.sees(3, 1) && !c.sees(2, 0));
         assert_eq!(
-            (c.sight(0), c.sight(4), c.sight(8)),
-            (Sight::Full, Sight::Partial, Sight::Masked)
+            (c.row(2), c.row(4)),
+            (&[0.0, 2.0][..], &[8.0, 4.0][..]),
+            "no masked value leaks"
         );
-        assert!(c.sees(3, 0) && !c.sees(3, 1) && !c.sees(2, 0));
-        assert_eq!(c.row(2), [0.0, 0.0], "masked values do not leak");
         assert_eq!(c.start(), [0.0, 0.0]);
+    }
+
+    #[test]
+    fn a_key_says_nothing_about_joints_without_a_value() {
+        let key = |frame, a: Option<f64>, b: Option<f64>| {
+            Key::with(frame, super::super::Goal::Q(vec![a, b]))
+        };
+        let mut k = clip(40);
+        k.keys = vec![
+            key(5, Some(1.0), Some(1.0)).held(20).filled(Fill::Linear),
+            key(10, Some(2.0), None).held(3),
+            key(30, Some(4.0), Some(3.0)),
+        ];
+        let c = compile(&k).unwrap();
+        let seen = |j: usize| -> Vec<u32> { (0..40).filter(|t| c.sees(*t, j)).collect() };
+        assert_eq!(seen(0), (5..13).chain([30]).collect::<Vec<_>>(), "its own key ends its hold");
+        assert_eq!(seen(1), (5..=30).collect::<Vec<_>>(), "held to 24, then a line");
+        assert_eq!((c.row(24)[1], c.row(27)[1], c.row(30)[1]), (1.0, 2.0, 3.0));
+        let spans: Vec<_> = c.spans().iter().map(|s| (s.from, s.to, s.kind)).collect();
+        use SpanKind::{Key as Held, Linear, Open};
+        let expect = [
+            (0, 5, Open),
+            (5, 10, Held),
+            (10, 13, Held),
+            (13, 25, Held),
+            (25, 30, Linear),
+            (30, 31, Held),
+            (31, 40, Open),
+        ];
+        assert_eq!(spans, expect);
+        assert_eq!([k.hold_end(0), k.hold_end(1)], [25, 13]);
+        // After its last key a joint keeps its value while the other one moves on.
+        k.keys[1] = key(10, Some(2.0), None).filled(Fill::Cubic);
+        k.keys[2] = key(30, None, Some(3.0));
+        let c = compile(&k).unwrap();
+        assert!((10..40).all(|t| c.sees(t, 0) && c.row(t)[0] == 2.0));
+        assert!(!c.sees(31, 1));
     }
 
     #[test]

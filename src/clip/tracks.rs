@@ -40,6 +40,11 @@ impl Tracks {
         tracks
     }
 
+    /// The tracks of these joints.
+    pub(super) fn reordered(&self, joints: &[usize]) -> Tracks {
+        Tracks::of(self.keys, joints.len(), |i, j| self.has(i, joints[j]))
+    }
+
     /// The last key up to key `i`, itself included, that has a value for the joint.
     pub fn last(&self, i: usize, joint: usize) -> Option<usize> {
         if self.last.is_empty() {

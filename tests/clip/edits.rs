@@ -119,18 +119,92 @@ proptest! {
                 (m.from..m.to).contains(&t)
                     && m.joints.as_ref().is_none_or(|n| n.contains(&clip.robot.joints[j]))
             });
-            for t in key.frame..clip.hold_end(i) {
-                for (j, v) in clip.row(key).unwrap().iter().enumerate() {
+            for (j, v) in clip.row(key).unwrap().iter().enumerate() {
+                let Some(v) = v else { continue };
+                let own = |k: &&Key| clip.row(k).unwrap()[j].is_some();
+                let next = clip.keys[i + 1..].iter().find(own).map_or(clip.length, |k| k.frame);
+                let end = (key.frame + key.hold).min(next);
+                for t in key.frame..end {
                     let seen = c.sees(t, j).then(|| c.row(t)[j]);
-                    let expect = v.filter(|_| !masked(t, j)).map(|v| v as f32);
-                    prop_assert_eq!(seen, expect, "frame {} joint {}", t, j);
+                    prop_assert_eq!(seen, (!masked(t, j)).then_some(*v as f32), "frame {} joint {}", t, j);
                 }
+                prop_assert!(end <= clip.hold_end(i));
             }
         }
         let json = formats::to_command_json(&c, "arm");
         let back = formats::from_command_json(&json, Some(&clip.robot), Fill::Mask).unwrap();
         prop_assert_eq!(compile(&back).unwrap().first_changed_frame(&c), None);
     }
+
+    #[test]
+    fn a_joint_is_commanded_as_if_the_clip_were_about_it_alone(seed in any::<u64>()) {
+        let clip = generate::clip(seed);
+        let whole = compile(&clip).unwrap();
+        for (j, name) in clip.robot.joints.iter().enumerate() {
+            let alone = compile(&only(&clip, j)).unwrap();
+            prop_assert_eq!(alone.start(), &whole.start()[j..=j]);
+            for t in 0..clip.length {
+                let goal = |c: &Command, j: usize| c.sees(t, j).then(|| c.row(t)[j].to_bits());
+                prop_assert_eq!(goal(&whole, j), goal(&alone, 0), "{} at frame {}", name, t);
+            }
+        }
+    }
+
+    #[test]
+    fn inserted_time_changes_no_frame_that_nothing_leads_across(
+        seed in any::<u64>(), at in 0_u32..300, frames in 1_u32..40
+    ) {
+        let mut clip = generate::clip(seed);
+        clip.normalize();
+        clip.offsets.clear();
+        let at = at.min(clip.length);
+        for key in &mut clip.keys {
+            let curved = matches!(clip.fill, Fill::Linear | Fill::Cubic) && key.fill.is_none();
+            if curved || matches!(key.fill, Some(Fill::Linear | Fill::Cubic)) {
+                key.fill = Some(Fill::Hold);
+            }
+        }
+        let before = compile(&clip).unwrap();
+        let insert = TimeInsert { at, frames };
+        let after = compile(&edited(&clip, &Op::TimeInsert(insert), None).unwrap()).unwrap();
+        for t in 0..clip.length {
+            let then = if t < at { t } else { t + frames };
+            for j in 0..clip.dim() {
+                prop_assert_eq!(before.sees(t, j), after.sees(then, j), "frame {} joint {}", t, j);
+                prop_assert!(before.row(t)[j].to_bits() == after.row(then)[j].to_bits());
+            }
+        }
+    }
+}
+
+/// The clip for one of its joints alone: the keys that have a value for it.
+fn only(clip: &Clip, joint: usize) -> Clip {
+    let name = clip.robot.joints[joint].clone();
+    let robot = RobotRef { joints: vec![name.clone()], units: Vec::new(), ..clip.robot.clone() };
+    let mut alone = Clip::new(robot, clip.length);
+    alone.fill = clip.fill;
+    alone.start = clip.start.as_ref().map(|start| match start {
+        Start::Q(q) => Start::Q(vec![q[joint]]),
+        Start::Pose(pose) => Start::Q(vec![clip.poses[pose][joint].unwrap_or_default()]),
+    });
+    for key in &clip.keys {
+        let Some(value) = clip.row(key).unwrap()[joint] else { continue };
+        let tangents = key.tangents.iter().filter(|(j, _)| **j == name);
+        alone.keys.push(Key {
+            goal: Goal::Q(vec![Some(value)]),
+            tangents: tangents.map(|(j, t)| (j.clone(), *t)).collect(),
+            ..key.clone()
+        });
+    }
+    let ours = |m: &&Mask| m.joints.as_ref().is_none_or(|joints| joints.contains(&name));
+    alone.masks = clip.masks.iter().filter(ours).map(|m| Mask { joints: None, ..*m }).collect();
+    alone.masks.sort();
+    alone.masks.dedup();
+    for offset in clip.offsets.iter().filter(|o| o.add.contains_key(&name)) {
+        let add = [(name.clone(), offset.add[&name])].into();
+        alone.offsets.push(Offset { add, ..offset.clone() });
+    }
+    alone
 }
 
 /// The rules of studio edits, one by one.

@@ -115,6 +115,72 @@ proptest! {
     }
 }
 
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 200, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn a_block_without_a_blend_changes_nothing_beside_it(
+        seed in any::<u64>(), other in any::<u64>(), at in 0_u32..300
+    ) {
+        let mut clip = generate::clip(seed);
+        clip.normalize();
+        prop_assume!(clip.markers.iter().all(|m| m.to.is_none()));
+        let at = at.min(clip.length);
+        let mut inner = generate::clip(other);
+        inner.normalize();
+        inner.robot = clip.robot.clone();
+        inner.keys = vec![Key::new(0, &vec![0.5; clip.dim()]).held(inner.length)];
+        (inner.poses, inner.start) = (Default::default(), None);
+        (inner.masks, inner.offsets) = (Vec::new(), Vec::new());
+        inner.fill = Fill::Mask;
+        let (name, part, length) = ("b".to_owned(), Part::of(&inner), inner.length);
+        clip.offsets.clear();
+        clip.masks.clear();
+        let before = compile(&clip).unwrap();
+        let insert = BlocksInsert { at, name, part, blend: 0 };
+        let after = compile(&edit(&clip, &Op::BlocksInsert(insert))).unwrap();
+        for t in 0..clip.length {
+            let then = if t < at { t } else { t + length };
+            for j in 0..clip.dim() {
+                prop_assert_eq!(before.sees(t, j), after.sees(then, j), "frame {} joint {}", t, j);
+                // What passes the cut is a curve with the same slopes at its new ends.
+                let off = f64::from(before.row(t)[j]) - f64::from(after.row(then)[j]);
+                prop_assert!(off.abs() < 0.2 * (1.0 + f64::from(before.row(t)[j].abs())));
+            }
+        }
+    }
+}
+
+#[test]
+fn a_part_keeps_joints_whose_last_key_is_an_earlier_one() {
+    let mut clip = dense(0);
+    clip.length = 40;
+    let one = |frame, a, b| Key::with(frame, Goal::Q(vec![a, b]));
+    clip.fill = Fill::Cubic;
+    let mut first = Key::new(0, &[0.0, 1.0]);
+    first.tangents.insert("b".into(), Tangent::Slope(2.0));
+    for fill in Fill::ALL {
+        let last = one(20, Some(1.0), None).held(5).filled(fill);
+        clip.keys = vec![first.clone(), one(10, Some(0.5), None), last];
+        let twice = edit(
+            &clip,
+            &Op::BlocksInsert(BlocksInsert {
+                at: 40,
+                name: "again".into(),
+                part: Part::of(&clip),
+                blend: 0,
+            }),
+        );
+        let (once, twice) = (compile(&clip).unwrap(), compile(&twice).unwrap());
+        for t in 0..80 {
+            for j in 0..2 {
+                let goal = |c: &Command, t| c.sees(t, j).then(|| c.row(t)[j]);
+                assert_eq!(goal(&twice, t), goal(&once, t % 40), "{fill:?}: frame {t}, joint {j}");
+            }
+        }
+    }
+}
+
 #[test]
 fn a_clip_is_inserted_with_a_blend_that_keeps_both_speeds() {
     let (base, other) = (dense(60), dense(40));
