@@ -4,7 +4,6 @@ use serde::{Deserialize, Serialize};
 
 use super::document::{Clip, Fill, Goal, Key, Marker, Mask, Row};
 use super::offset::Offset;
-use super::tangent::Tangent;
 
 /// Keys, offsets, masks and markers of some frames, counted from 0. Poses are written out, and each
 /// key says what follows it, so that a part means the same in every clip.
@@ -143,11 +142,7 @@ fn keep_to_the_end(keys: &mut Vec<Key>, joints: &[String], length: u32) {
         }
         (kept[j], fill) = (value(last), last.fill);
         // The joint rests from there on: a slope with which it leaves had no effect.
-        if let Some(tangent) = last.tangents.get_mut(name)
-            && let Some([before, _]) = tangent.typed()
-        {
-            *tangent = Tangent::corner(before, 0.0);
-        }
+        last.tangents.entry(name.clone()).and_modify(|t| *t = t.into_rest());
     }
     if end.frame + end.hold >= length {
         own.iter_mut().zip(kept).for_each(|(slot, value)| *slot = slot.or(value));

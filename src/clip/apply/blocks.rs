@@ -57,58 +57,90 @@ impl Edit<'_> {
     fn split(&mut self, at: u32) -> Done {
         let Some(before) = at.checked_sub(1) else { return Ok(()) };
         let bare = Clip { offsets: Vec::new(), masks: Vec::new(), ..self.clip.clone() };
-        let mut command = compile_for(&bare, self.table)?;
-        if !self.one_key_commands(&command, before) {
-            // Joints are held and filled in different ways, which one key cannot say.
-            let last = |(i, k): (usize, &Key)| {
-                let next = self.clip.keys.get(i + 1);
-                k.frame <= before && next.is_none_or(|n| n.frame > before)
-            };
-            let chosen = self.clip.keys.iter().enumerate().map(last).collect();
-            self.dense(&command, chosen, |frame, joint, own| {
+        let command = compile_for(&bare, self.table)?;
+        let (clip, tracks) = (&*self.clip, command.tracks());
+        let Some(i) = clip.keys.partition_point(|k| k.frame <= before).checked_sub(1) else {
+            return Ok(());
+        };
+        let sees = |frame: u32, j: usize| frame < clip.length && command.sees(frame, j);
+        let held = |j: usize| tracks.has(i, j) && tracks.hold_end(clip, i, j) > before;
+        let is_held = (0..clip.dim()).all(|j| held(j) || !sees(before, j));
+        // How each joint goes on that passes `at`: its fill, and what is left of its hold.
+        let here = clip.key_index(at);
+        let passes = |j: &usize| {
+            sees(before, *j) && sees(at, *j) && !here.is_some_and(|k| tracks.has(k, *j))
+        };
+        let way = |j: usize| {
+            let k = tracks.last(i, j)?;
+            let rest = clip.full_hold(k).saturating_sub(at).max(1);
+            Some((clip.fill_after(&clip.keys[k]), rest))
+        };
+        let mut ways = (0..clip.dim()).filter(passes).filter_map(way);
+        let first = ways.next();
+        // One key cannot say that joints are held and filled in different ways.
+        let is_mixed = first.is_some() && (here.is_some() || ways.any(|way| Some(way) != first));
+        let fill = clip.fill_after(&clip.keys[i]);
+        let mut keys = Vec::new();
+        if !is_held {
+            keys.extend(self.key_of_all(&command, before, fill, before.checked_sub(1)));
+        }
+        let (fill, hold) = if is_mixed { (Fill::Hold, 1) } else { first.unwrap_or((fill, 1)) };
+        let key = self.key_of_all(&command, at, fill, Some(at + 1).filter(|_| hold == 1));
+        keys.extend(key.map(|key| if here.is_none() { key.held(hold) } else { key }));
+        // A joint that rests after its last key gets another one: a slope with which it leaves had no effect.
+        let resting = (0..clip.dim()).filter(|j| sees(before, *j) && tracks.next(i, *j).is_none());
+        let resting: Vec<(usize, String)> = resting
+            .filter_map(|j| Some((tracks.last(i, j)?, clip.robot.joints[j].clone())))
+            .collect();
+        for (k, joint) in resting {
+            self.clip.keys[k].tangents.entry(joint).and_modify(|t| *t = t.into_rest());
+        }
+        self.place(keys, true)?;
+        if is_mixed {
+            let bare = Clip { offsets: Vec::new(), masks: Vec::new(), ..self.clip.clone() };
+            let tracks = compile_for(&bare, self.table)?.tracks().clone();
+            let chosen = self.clip.keys.iter().map(|k| k.frame == at).collect();
+            self.dense(&command, &tracks, chosen, |frame, joint, own| {
                 own.unwrap_or_else(|| f64::from(command.row(frame)[joint]))
             })?;
-            let bare = Clip { offsets: Vec::new(), masks: Vec::new(), ..self.clip.clone() };
-            command = compile_for(&bare, self.table)?;
-        }
-        let i = self.clip.keys.partition_point(|k| k.frame <= before);
-        let Some(i) = i.checked_sub(1) else { return Ok(()) };
-        let fill = self.clip.fill_after(&self.clip.keys[i]);
-        let held = self.clip.hold_end(i);
-        for frame in [before, at] {
-            let is_there = self.clip.key(frame).is_some();
-            if is_there || frame >= self.clip.length || (frame == before && held > before) {
-                continue;
-            }
-            let sees = |j| command.sees(frame, j).then(|| round(f64::from(command.row(frame)[j])));
-            let row: Row = (0..self.clip.dim()).map(sees).collect();
-            if row.iter().all(Option::is_none) {
-                continue;
-            }
-            // A hold goes on after it.
-            let hold = if frame == at { held.saturating_sub(at).max(1) } else { 1 };
-            let mut key = Key::with(frame, Goal::Q(row)).filled(fill).held(hold);
-            if fill == Fill::Cubic {
-                let other = if frame == before { before.checked_sub(1) } else { Some(at + 1) };
-                key.tangents = self.slopes(&command, frame, other.filter(|_| hold == 1));
-            }
-            self.place(vec![key], false)?;
         }
         Ok(())
     }
 
-    /// Whether the last key up to a frame commands all joints that have a goal there, and no joint is led past
-    /// a key at the next frame.
-    fn one_key_commands(&self, command: &Command, frame: u32) -> bool {
-        let (clip, tracks) = (&*self.clip, command.tracks());
-        let last = clip.keys.partition_point(|k| k.frame <= frame);
-        let Some(i) = last.checked_sub(1) else { return true };
-        let is_passed = clip.keys.get(last).is_some_and(|next| {
-            let passes = |j: usize| command.sees(frame, j) && command.sees(next.frame, j);
-            next.frame == frame + 1
-                && (0..clip.dim()).any(|j| passes(j) && tracks.until(clip, i, j) > next.frame)
-        });
-        !is_passed && (0..clip.dim()).all(|j| tracks.has(i, j) || !command.sees(frame, j))
+    /// The key at a frame with the values of all joints that are commanded there, with this fill if it is new; none
+    /// if there is nothing to add.
+    fn key_of_all(
+        &self,
+        command: &Command,
+        frame: u32,
+        fill: Fill,
+        beside: Option<u32>,
+    ) -> Option<Key> {
+        if frame >= self.clip.length {
+            return None;
+        }
+        let old = self.clip.key(frame);
+        let own = old.and_then(|key| self.clip.row(key));
+        let value = |j: usize| {
+            let seen = || command.sees(frame, j).then(|| round(f64::from(command.row(frame)[j])));
+            own.and_then(|row| row[j]).or_else(seen)
+        };
+        let row: Row = (0..self.clip.dim()).map(value).collect();
+        // End-effector goals decide over the joints.
+        if old.is_some_and(|key| !key.reach.is_empty())
+            || own == Some(&row)
+            || row.iter().all(Option::is_none)
+        {
+            return None;
+        }
+        let mut key = old.cloned().unwrap_or_else(|| Key::with(frame, Goal::Open).filled(fill));
+        key.goal = Goal::Q(row);
+        if fill == Fill::Cubic {
+            let mut slopes = self.slopes(command, frame, beside);
+            slopes.extend(std::mem::take(&mut key.tangents));
+            key.tangents = slopes;
+        }
+        Some(key)
     }
 
     /// Makes a smooth curve over the `blend` frames before `to`. It leads from the last key before

@@ -5,16 +5,18 @@ use super::error::{Done, argument};
 use crate::command::Command;
 use crate::document::{Clip, Fill, Goal, Key, Row};
 use crate::grid::round;
+use crate::tracks::Tracks;
 use robert_base::limits;
 
 impl Edit<'_> {
     /// Replaces some keys, and what is commanded from each up to the next key, by a key at every frame. `command`
-    /// is that of the clip without masks, and `chosen` says which keys; keys that hang together with them are
-    /// replaced, too. `value` gets a frame, a joint, and its value in the key at this frame; it returns what is
+    /// is that of the clip without masks, `tracks` are those of its keys, and `chosen` says which keys; keys that
+    /// hang together with them are replaced, too. `value` gets a frame, a joint, and its value in the key at this frame; it returns what is
     /// commanded there. The command stays as it was if `value` says what it is.
     pub(super) fn dense(
         &mut self,
         command: &Command,
+        tracks: &Tracks,
         chosen: Vec<bool>,
         value: impl Fn(u32, usize, Option<f64>) -> f64,
     ) -> Done {
@@ -27,7 +29,7 @@ impl Edit<'_> {
         let mut keys: Vec<Key> = Vec::new();
         // The joints with a goal in the frame before, if that one is dense.
         let mut before: Row = Vec::new();
-        for (i, is_chosen) in tied(clip, command, chosen).into_iter().enumerate() {
+        for (i, is_chosen) in tied(clip, tracks, chosen).into_iter().enumerate() {
             let (key, fill) = (&clip.keys[i], clip.fill_after(&clip.keys[i]));
             let next = clip.keys.get(i + 1).map_or(clip.length, |k| k.frame);
             for frame in key.frame..if is_chosen { next } else { key.frame + 1 } {
@@ -74,8 +76,8 @@ impl Edit<'_> {
 
 /// The chosen keys and those that hang together with them: a key within what another one commands for some joint,
 /// and two that end and begin a curve of some joint, because its slope depends on both sides.
-fn tied(clip: &Clip, command: &Command, mut chosen: Vec<bool>) -> Vec<bool> {
-    let (keys, tracks) = (&clip.keys, command.tracks());
+fn tied(clip: &Clip, tracks: &Tracks, mut chosen: Vec<bool>) -> Vec<bool> {
+    let keys = &clip.keys;
     // Whether each key hangs together with the one before it.
     let mut tied = vec![false; keys.len()];
     for (i, key) in keys.iter().enumerate() {

@@ -71,7 +71,7 @@ impl Edit<'_> {
         let clip = &*self.clip;
         let (added, dim) = (total(&baked, &clip.robot.joints, clip.length), clip.dim());
         let chosen = changed(clip, &baked);
-        self.dense(&command, chosen, |frame, joint, own| match own {
+        self.dense(&command, command.tracks(), chosen, |frame, joint, own| match own {
             // A goal is rounded to single precision; what leads to it and away is not.
             Some(value) => value + added[frame as usize * dim + joint],
             None => f64::from(command.row(frame)[joint]),
