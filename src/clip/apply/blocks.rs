@@ -97,6 +97,12 @@ impl Edit<'_> {
         }
         self.place(keys, true)?;
         if is_mixed {
+            // With this fill all keys that its joints pass hang together with it.
+            self.clip
+                .keys
+                .iter_mut()
+                .filter(|k| k.frame == at)
+                .for_each(|k| k.fill = Some(Fill::Hold));
             let bare = Clip { offsets: Vec::new(), masks: Vec::new(), ..self.clip.clone() };
             let tracks = compile_for(&bare, self.table)?.tracks().clone();
             let chosen = self.clip.keys.iter().map(|k| k.frame == at).collect();
