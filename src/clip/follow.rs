@@ -249,4 +249,30 @@ mod tests {
         table.joints[1].range = Some([-0.3, 0.3]);
         assert_eq!(seen(&clip, &table, 10), [true, false, false, false]);
     }
+
+    #[test]
+    fn a_key_opens_what_follows_if_it_does_not_determine_it() {
+        let joints = ["jaw", "tip", "wrist"].map(str::to_owned).to_vec();
+        let mut clip = Clip::new(RobotRef { id: "r".into(), joints, ..RobotRef::default() }, 30);
+        clip.fill = crate::Fill::Linear;
+        let key = |frame, jaw: f64, wrist: Option<f64>| {
+            Key::with(frame, crate::Goal::Q(vec![Some(jaw), None, wrist]))
+        };
+        // The stop of the tip is at .5: at frame 10 it cannot follow.
+        clip.keys = vec![key(0, 0.1, Some(0.0)), key(10, 0.8, None), key(20, 0.2, Some(1.0))];
+        let mut table = JointTable::from_clip(&clip);
+        table.joints[1].range = Some([-0.5, 0.5]);
+        let member = |joint: &str| CouplingMember { joint: joint.into(), coef: 1.0, offset: 0.0 };
+        table.couplings = vec![Coupling {
+            kind: CouplingKind::Mimic,
+            name: "jaw".into(),
+            members: vec![member("jaw"), member("tip")],
+            tolerance: 1e-3,
+        }];
+        let command = compile_for(&clip, Some(&table)).unwrap();
+        let seen = |j: usize| (0..21).filter(|f| command.sees(*f, j)).collect::<Vec<u32>>();
+        assert_eq!(seen(0), (0..21).collect::<Vec<_>>());
+        assert_eq!(seen(1), [0, 20], "no line passes a key that moves the jaw");
+        assert_eq!(seen(2), (0..21).collect::<Vec<_>>(), "the wrist is led past that key");
+    }
 }

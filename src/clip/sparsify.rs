@@ -178,6 +178,25 @@ mod tests {
     }
 
     #[test]
+    fn a_joint_without_values_for_a_while_keeps_its_hole() {
+        let mut c = clip(Vec::new());
+        let wave = |f: u32| Some((f64::from(f) / 20.0).sin());
+        let b = |f: u32| wave(f + 9).filter(|_| !(50..80).contains(&f) && f < 120);
+        let row = |f: u32| Key::with(f, Goal::Q(vec![wave(f), b(f)]));
+        c.keys = (0..150).map(row).collect();
+        let dense = crate::compile(&c).unwrap();
+        thin(&mut c, 0.01);
+        assert!(c.keys.len() < 50, "{} keys", c.keys.len());
+        let thinned = crate::compile(&c).unwrap();
+        for f in 0..200 {
+            for j in 0..2 {
+                assert_eq!(thinned.sees(f, j), dense.sees(f, j), "frame {f}, joint {j}");
+                assert!((thinned.row(f)[j] - dense.row(f)[j]).abs() < 0.011, "frame {f}");
+            }
+        }
+    }
+
+    #[test]
     fn a_key_that_says_more_than_values_stays() {
         let mut keys: Vec<Key> = (0..6).map(|i| Key::new(10 * i, &[0.0, 0.0])).collect();
         keys[2].hold = 5;

@@ -120,20 +120,15 @@ proptest! {
 
     #[test]
     fn a_block_without_a_blend_changes_nothing_beside_it(
-        seed in any::<u64>(), other in any::<u64>(), at in 0_u32..300
+        seed in any::<u64>(), length in 1_u32..60, at in 0_u32..300
     ) {
         let mut clip = generate::clip(seed);
         clip.normalize();
         prop_assume!(clip.markers.iter().all(|m| m.to.is_none()));
         let at = at.min(clip.length);
-        let mut inner = generate::clip(other);
-        inner.normalize();
-        inner.robot = clip.robot.clone();
-        inner.keys = vec![Key::new(0, &vec![0.5; clip.dim()]).held(inner.length)];
-        (inner.poses, inner.start) = (Default::default(), None);
-        (inner.masks, inner.offsets) = (Vec::new(), Vec::new());
-        inner.fill = Fill::Mask;
-        let (name, part, length) = ("b".to_owned(), Part::of(&inner), inner.length);
+        let mut inner = Clip::new(clip.robot.clone(), length);
+        inner.keys = vec![Key::new(0, &vec![0.5; clip.dim()]).held(length)];
+        let (name, part) = ("b".to_owned(), Part::of(&inner));
         clip.offsets.clear();
         clip.masks.clear();
         let curved = clip.keys.iter().any(|k| clip.fill_after(k) == Fill::Cubic);

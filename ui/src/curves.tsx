@@ -53,7 +53,7 @@ function crosses(u: uPlot, joint: number, color: string, turn: number): void {
   let before = -Infinity;
   for (const key of d.clip.keys) {
     const v = goal[key.frame];
-    if (v === null || v === undefined) continue;
+    if (v === null || v === undefined || !isOf(d.clip, key, joint)) continue;
     const y = u.valToPos(v * turn, "y", true);
     const x = u.valToPos(key.frame / d.clip.fps, "x", true);
     if (dense && x - before < 4 * r) continue;
