@@ -70,7 +70,9 @@ fn a_key_for_joints_that_do_not_move_a_point_leaves_its_path() {
     let tip = Point::Site("fftip".into());
     let at = |values: [(&str, f64); 2]| {
         let mut q = robot.home();
-        values.map(|(joint, v)| q[robot.joint_index(joint).unwrap()] = v);
+        for (joint, v) in values {
+            q[robot.joint_index(joint).unwrap()] = v;
+        }
         let row: Vec<f32> = q.iter().map(|v| *v as f32).collect();
         Reach { point: tip.clone(), pos: place(&robot, &row, &tip), quat: None }
     };

@@ -50,9 +50,10 @@ fn window(c: &Command, step: u32) -> Vec<Option<f32>> {
     let mut seen = Vec::new();
     for f in step + 1..=step + LOOKAHEAD_FRAMES {
         let goal = |j: usize| c.sees(f, j).then(|| c.row(f)[j]);
-        match f < c.frames() {
-            true => seen.extend((0..c.dim()).map(goal)),
-            false => seen.extend(c.held_end().into_iter().map(Some)),
+        if f < c.frames() {
+            seen.extend((0..c.dim()).map(goal));
+        } else {
+            seen.extend(c.held_end().into_iter().map(Some));
         }
     }
     let far = step + LOOKAHEAD_FRAMES;
