@@ -15,8 +15,9 @@ impl Finder<'_> {
     /// The joints that key `i` has a value for, and the first frame at which each is no longer held.
     fn holds(&self, i: usize) -> impl Iterator<Item = (usize, u32)> + '_ {
         let (clip, tracks) = (self.clip, self.command.tracks());
-        let own = (0..clip.dim()).filter(move |j| tracks.has(i, *j));
-        own.map(move |j| (j, tracks.hold_end(clip, i, j)))
+        let row = self.command.key_row(i).or_else(|| clip.row(clip.keys.get(i)?));
+        let own = row.into_iter().flatten().enumerate().filter(|(_, value)| value.is_some());
+        own.map(move |(j, _)| (j, tracks.hold_end(clip, i, j)))
     }
 
     /// The finding that no value of key `i` is seen.
