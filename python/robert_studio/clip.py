@@ -91,8 +91,9 @@ class Clip:
         return self._native.keys
 
     def key(self, frame: int, q: ArrayLike, hold: int = 1, fill: Optional[str] = None) -> Clip:
-        """Commands ``q`` (S; rad or m; NaN leaves a joint open) at a frame and at the ``hold`` - 1 frames after it.
-        ``fill`` is the fill up to the next key: mask, linear, cubic or hold."""
+        """Commands ``q`` (S; rad or m; NaN says nothing about a joint) at a frame and at the ``hold`` - 1 frames after it.
+        ``fill`` is the fill after that: mask, linear, cubic or hold. The next key with a value for a joint ends the hold
+        and the fill of this joint."""
         self._native.key(frame, np.asarray(q, dtype=float).tolist(), hold, fill)
         return self
 

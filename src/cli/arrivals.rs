@@ -27,8 +27,14 @@ pub(super) fn arrivals(done: &Performed) -> Vec<Arrival> {
         done.rollout.reached().chunks_exact(d).take(done.rollout.frame() + 1).collect();
     let mut found = Vec::new();
     for (i, key) in clip.keys.iter().enumerate() {
-        // The start is where the robot is put.
-        let frames = [key.frame.max(1), clip.hold_end(i)];
+        if key.reach.is_empty() {
+            continue;
+        }
+        // The start is where the robot is put. A key for joints that do not move the points ends no hold of them.
+        let points: Vec<_> = key.reach.iter().map(|r| r.point.clone()).collect();
+        let movers = tree.movers(&points).unwrap_or_default();
+        let ends = movers.iter().map(|j| done.command.tracks().hold_end(clip, i, *j));
+        let frames = [key.frame.max(1), ends.min().unwrap_or(clip.hold_end(i))];
         let sees = |f: &u32| (0..d).any(|j| done.command.sees(*f, j));
         let asked = (frames[0]..frames[1]).filter(sees);
         let held: Vec<&[f64]> = asked.filter_map(|f| states.get(f as usize).copied()).collect();

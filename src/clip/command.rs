@@ -5,6 +5,7 @@
 
 use super::document::Row;
 use super::reach::Reached;
+use super::tracks::Tracks;
 use robert_base::units::FPS;
 
 /// Frames that the policy sees ahead of the current one (paper, appendix A.1).
@@ -24,7 +25,8 @@ pub enum Sight {
     Full,
 }
 
-/// The origin of the values of a run of frames.
+/// The origin of the values of a run of frames: of those of a key that is held, otherwise of the joint with the
+/// strongest fill.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 #[derive(schemars::JsonSchema)]
@@ -35,7 +37,7 @@ pub enum SpanKind {
     Linear,
     /// A cubic between keys.
     Cubic,
-    /// A key's value kept to the next key.
+    /// A key's value kept to the joint's next key.
     Hold,
     /// No goal, because nothing fills it.
     Open,
@@ -104,6 +106,7 @@ pub struct Command {
     spans: Vec<Span>,
     reached: Vec<Reached>,
     keys: Vec<Option<Row>>, // of the clip's keys: values that end-effector goals led to
+    tracks: Tracks,
 }
 
 impl Command {
@@ -172,6 +175,7 @@ impl Command {
             spans,
             reached: Vec::new(),
             keys: Vec::new(),
+            tracks: Tracks::default(),
         }
     }
 
@@ -368,6 +372,15 @@ impl Command {
         Command { reached, keys, ..self }
     }
 
+    pub(super) fn with_tracks(self, tracks: Tracks) -> Command {
+        Command { tracks, ..self }
+    }
+
+    /// For each key of the clip, the neighbouring keys of each joint; none if there was no clip.
+    pub fn tracks(&self) -> &Tracks {
+        &self.tracks
+    }
+
     /// The joint values of the clip's key `index`, if end-effector goals decide over them.
     pub fn key_row(&self, index: usize) -> Option<&Row> {
         self.keys.get(index).and_then(Option::as_ref)
@@ -439,7 +452,9 @@ impl Command {
             q.extend(from.iter().filter_map(|&j| row.get(j).copied()));
             visible.extend(from.iter().map(|&j| self.sees(t, j)));
         }
-        Some(Command::assemble(joints.to_vec(), start, q, visible).with_spans(self.spans.clone()))
+        let tracks = self.tracks.reordered(&from);
+        let command = Command::assemble(joints.to_vec(), start, q, visible);
+        Some(command.with_spans(self.spans.clone()).with_tracks(tracks))
     }
 
     /// Length in seconds.

@@ -19,10 +19,10 @@ use robert_base::units::{FPS, Unit};
 /// The format this program writes.
 pub const FORMAT: &str = "robert-clip/1";
 
-/// One value per joint, in the order of [`RobotRef::joints`]; `None` = no goal for it.
+/// One value per joint, in the order of [`RobotRef::joints`]; a key says nothing about a joint that is `None`.
 pub type Row = Vec<Option<f64>>;
 
-/// The command between two keys.
+/// The command after the hold of a key, up to the next key of each joint.
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, schemars::JsonSchema,
 )]
@@ -31,12 +31,12 @@ pub enum Fill {
     /// Nothing; the policy decides. The paper's keyframe mode.
     #[default]
     Mask,
-    /// The straight line to the next key.
+    /// The straight line to the joint's next key.
     Linear,
-    /// Monotone cubic to the next key (no overshoot, zero slope at holds and ends), unless a key
+    /// Monotone cubic to the joint's next key (no overshoot, zero slope at holds and ends), unless a key
     /// has a tangent.
     Cubic,
-    /// This key's value until the next key.
+    /// This key's value until the joint's next key.
     Hold,
 }
 
@@ -98,8 +98,8 @@ pub struct Key {
     /// End-effector goals. The compiler finds joint values near [`Key::goal`] that bring the points
     /// there.
     pub reach: Vec<Reach>,
-    /// The number of frames for which it is commanded (at least 1). The next key or the end of the
-    /// clip ends it early.
+    /// The number of frames for which it is commanded (at least 1). The end of the clip ends it early, and so
+    /// does for a joint the next key with a value for it.
     pub hold: u32,
     /// The fill after it, if it differs from [`Clip::fill`].
     pub fill: Option<Fill>,
@@ -327,11 +327,38 @@ impl Clip {
         key.fill.unwrap_or(self.fill)
     }
 
-    /// First frame no longer commanded by the hold of key `index`.
-    pub fn hold_end(&self, index: usize) -> u32 {
+    /// Whether a key has a value for a joint, as far as the document says. A key without values of its own has
+    /// those that its end-effector goals lead to.
+    fn gives(&self, key: &Key, joint: usize) -> bool {
+        key.goal == Goal::Open
+            || self.row(key).is_some_and(|row| row.get(joint).is_some_and(Option::is_some))
+    }
+
+    /// First frame after the hold of key `index`, if no other key ends it.
+    pub(super) fn full_hold(&self, index: usize) -> u32 {
         let Some(key) = self.keys.get(index) else { return 0 };
-        let next = self.keys.get(index + 1).map_or(self.length, |n| n.frame);
-        key.frame.saturating_add(key.hold.max(1)).min(next).min(self.length)
+        key.frame.saturating_add(key.hold.max(1)).min(self.length)
+    }
+
+    /// First frame at which the hold of key `index` no longer commands any joint. The next key with a value for
+    /// a joint ends the hold of this joint.
+    pub fn hold_end(&self, index: usize) -> u32 {
+        let full = self.full_hold(index);
+        let Some((key, later)) = self.keys.get(index..).and_then(<[Key]>::split_first) else {
+            return full;
+        };
+        let mut later = later.iter().take_while(|k| k.frame < full).peekable();
+        if later.peek().is_none() {
+            return full;
+        }
+        let mut held: Vec<usize> = (0..self.dim()).filter(|j| self.gives(key, *j)).collect();
+        for next in later {
+            held.retain(|j| !self.gives(next, *j));
+            if held.is_empty() {
+                return next.frame;
+            }
+        }
+        full
     }
 
     /// Sorts, and rounds every value to the grid.

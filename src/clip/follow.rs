@@ -21,6 +21,8 @@ pub(super) struct Completed {
     pub(super) rows: Vec<Option<Row>>,
     /// For each joint of the clip, the joints that move with it, itself included.
     groups: Vec<Vec<usize>>,
+    /// For each joint, whether its value follows from others in some key.
+    follows: Vec<bool>,
 }
 
 impl Completed {
@@ -49,7 +51,23 @@ impl Completed {
             }
             (new != *row).then_some(new)
         };
-        Completed { rows: rows.into_iter().map(|row| complete(row?)).collect(), groups }
+        let new: Vec<Option<Row>> = rows.iter().map(|row| complete((*row)?)).collect();
+        let mut follows = vec![false; clip.dim()];
+        for (old, new) in
+            rows.iter().zip(&new).filter_map(|(old, new)| Some(((*old)?, new.as_ref()?)))
+        {
+            for (j, follows) in follows.iter_mut().enumerate() {
+                *follows |= old[j] != new[j];
+            }
+        }
+        Completed { rows: new, groups, follows }
+    }
+
+    /// Whether a key with these values opens a joint that it has no value for: one that follows others, which it
+    /// moves. A line that passes the key would lead the joint away from where they carry it.
+    pub(super) fn opens(&self, row: &Row, joint: usize) -> bool {
+        self.follows.get(joint) == Some(&true)
+            && self.groups[joint].iter().any(|mate| row[*mate].is_some())
     }
 
     /// Hides goals that follow from others where those are hidden, or where an offset moves one of them. All
@@ -230,5 +248,31 @@ mod tests {
         // Stops are kept.
         table.joints[1].range = Some([-0.3, 0.3]);
         assert_eq!(seen(&clip, &table, 10), [true, false, false, false]);
+    }
+
+    #[test]
+    fn a_key_opens_what_follows_if_it_does_not_determine_it() {
+        let joints = ["jaw", "tip", "wrist"].map(str::to_owned).to_vec();
+        let mut clip = Clip::new(RobotRef { id: "r".into(), joints, ..RobotRef::default() }, 30);
+        clip.fill = crate::Fill::Linear;
+        let key = |frame, jaw: f64, wrist: Option<f64>| {
+            Key::with(frame, crate::Goal::Q(vec![Some(jaw), None, wrist]))
+        };
+        // The stop of the tip is at .5: at frame 10 it cannot follow.
+        clip.keys = vec![key(0, 0.1, Some(0.0)), key(10, 0.8, None), key(20, 0.2, Some(1.0))];
+        let mut table = JointTable::from_clip(&clip);
+        table.joints[1].range = Some([-0.5, 0.5]);
+        let member = |joint: &str| CouplingMember { joint: joint.into(), coef: 1.0, offset: 0.0 };
+        table.couplings = vec![Coupling {
+            kind: CouplingKind::Mimic,
+            name: "jaw".into(),
+            members: vec![member("jaw"), member("tip")],
+            tolerance: 1e-3,
+        }];
+        let command = compile_for(&clip, Some(&table)).unwrap();
+        let seen = |j: usize| (0..21).filter(|f| command.sees(*f, j)).collect::<Vec<u32>>();
+        assert_eq!(seen(0), (0..21).collect::<Vec<_>>());
+        assert_eq!(seen(1), [0, 20], "no line passes a key that moves the jaw");
+        assert_eq!(seen(2), (0..21).collect::<Vec<_>>(), "the wrist is led past that key");
     }
 }

@@ -32,8 +32,10 @@ mod print;
 pub mod reach;
 mod schema;
 pub mod solve;
+mod spans;
 mod sparsify;
 pub mod tangent;
+mod tracks;
 mod validate;
 
 pub use apply::{OpError, apply, edited};
@@ -59,3 +61,4 @@ pub use schema::Clip as ClipShape;
 pub use schema::schema;
 pub use sparsify::thin;
 pub use tangent::{Corner, Tangent, TangentName};
+pub use tracks::Tracks;

@@ -156,7 +156,8 @@ pub struct MaskSet {
 #[serde(deny_unknown_fields)]
 #[derive(schemars::JsonSchema)]
 pub struct FillSet {
-    /// The keys after which the fill is set; absent = the clip's default.
+    /// The keys after which the fill is set, for each of their joints up to its next key; absent = the clip's
+    /// default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frames: Option<Vec<u32>>,
     /// The fill; null = the clip's default (`mask` for the default itself).

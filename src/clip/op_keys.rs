@@ -35,10 +35,10 @@ pub struct KeysSet {
     /// All end-effector goals; an empty list removes them and keeps the joint values.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reach: Option<Vec<Reach>>,
-    /// Single joints by name; null leaves a joint open.
+    /// Single joints by name; null takes away the key's value for a joint.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub values: BTreeMap<String, Option<f64>>,
-    /// Hold, frames.
+    /// Hold, frames; the next key with a value for a joint ends it for this joint.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub hold: Option<u32>,
     #[allow(clippy::option_option)]
@@ -123,7 +123,7 @@ pub struct KeysPaste {
 pub struct KeysHold {
     /// The frames of the keys.
     pub frames: Vec<u32>,
-    /// For how many frames, at least 1.
+    /// For how many frames, at least 1; the next key with a value for a joint ends the hold of this joint.
     pub hold: u32,
 }
 

@@ -49,6 +49,9 @@ impl Part {
             let (frame, hold) = (key.frame - from, (end - key.frame).max(1));
             keys.push(Key { frame, goal, hold, fill: Some(fill), ..key.clone() });
         }
+        if clip.keys.last().is_some_and(|k| inside(k.frame)) {
+            keep_to_the_end(&mut keys, &clip.robot.joints, to - from);
+        }
         let offsets = clip.offsets.iter().filter(|o| inside(o.frame));
         let masks = clip.masks.iter().filter(|m| m.from < to && m.to > from);
         let markers = clip.markers.iter().filter(|m| inside(m.frame));
@@ -116,5 +119,34 @@ impl Part {
             ..m
         }));
         clip.normalize();
+    }
+}
+
+/// Keeps the values of joints whose last key is not the last key of the clip, if the fill after their own key keeps
+/// them to the end: keys that come later would take them from it. `length` is in frames.
+fn keep_to_the_end(keys: &mut Vec<Key>, joints: &[String], length: u32) {
+    let Some((end, earlier)) = keys.split_last_mut().filter(|(end, _)| end.reach.is_empty()) else {
+        return;
+    };
+    let Goal::Q(own) = &mut end.goal else { return };
+    let (mut kept, mut fill): (Row, _) = (vec![None; joints.len()], None);
+    for (j, name) in joints.iter().enumerate().filter(|(j, _)| own[*j].is_none()) {
+        let value = |key: &Key| match &key.goal {
+            Goal::Q(row) => row.get(j).copied().flatten(),
+            _ => None,
+        };
+        let says = |k: &&mut Key| value(k).is_some() || !k.reach.is_empty();
+        let Some(last) = earlier.iter_mut().rev().find(says) else { continue };
+        if last.fill == Some(Fill::Mask) || !last.reach.is_empty() {
+            continue;
+        }
+        (kept[j], fill) = (value(last), last.fill);
+        // The joint rests from there on: a slope with which it leaves had no effect.
+        last.tangents.entry(name.clone()).and_modify(|t| *t = t.into_rest());
+    }
+    if end.frame + end.hold >= length {
+        own.iter_mut().zip(kept).for_each(|(slot, value)| *slot = slot.or(value));
+    } else if fill.is_some() {
+        keys.push(Key { fill, ..Key::with(length - 1, Goal::Q(kept)) });
     }
 }

@@ -79,11 +79,12 @@ pub struct Clip {
     /// Number of frames.
     #[schemars(range(min = 1, max = 100_000))]
     length: u32,
-    /// The fill after keys without their own: mask (nothing), linear, cubic or hold.
+    /// The fill after keys without their own, up to the next key of each joint: mask (nothing), linear, cubic or
+    /// hold.
     fill: Option<Fill>,
     /// The state before frame 0; without it, the values of the first key.
     start: Option<Start>,
-    /// Named poses: one value per joint, null leaves a joint open.
+    /// Named poses: one value per joint, or null for a joint that the pose says nothing about.
     #[schemars(extend("propertyNames" = {"minLength": 1, "maxLength": 256}))]
     poses: Option<BTreeMap<String, Row>>,
     /// Keyframes, at most one per frame.
@@ -135,7 +136,7 @@ enum Format {
     One,
 }
 
-/// Joint values in the order of `robot.joints`; null leaves a joint open.
+/// Joint values in the order of `robot.joints`; null says nothing about a joint, whose holds and fills go on.
 #[derive(Deserialize, JsonSchema)]
 #[allow(dead_code)]
 struct Row(#[schemars(length(min = 1, max = 256))] Vec<Option<Number>>);
@@ -204,10 +205,12 @@ struct Key {
     /// End-effector goals: positions that points of the robot should reach.
     #[schemars(length(min = 1, max = 4096))]
     reach: Option<Vec<Reach>>,
-    /// The number of frames for which the value is commanded; 1 when absent.
+    /// The number of frames for which the values are commanded; 1 when absent. The next key with a value for a joint
+    /// ends the hold of this joint.
     #[schemars(range(min = 1, max = 100_000))]
     hold: Option<u32>,
-    /// The fill up to the next key; the clip's `fill` when absent.
+    /// The fill after the hold, for each joint up to the next key with a value for it; the clip's `fill` when
+    /// absent.
     fill: Option<Fill>,
     /// Slopes of cubic curves at this key, by joint: "flat", "linear", or rad/s or m/s; automatic
     /// when absent.

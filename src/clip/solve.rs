@@ -5,21 +5,24 @@
 //! key's own values if it has some, else the line between the neighbouring keys with joint values.
 //! Between two keys with goals for the same points, a `linear` or `cubic` fill is a path of the
 //! points. The path is straight or smooth, with the shortest rotation between orientations, and
-//! every frame of it is solved. All other fills go from one key's joint values to the next's.
+//! every frame of it is solved. A key between them cuts the path if it moves a joint that moves the points.
+//! All other fills go from a joint's value in one key to its value in the next.
 //!
 //! This needs the robot's [`Kinematics`], not its simulator. Rejected: storing the joint values in
 //! the key. They would be wrong as soon as a neighbouring key, the posture or the model changes.
 
 use std::cell::Cell;
+use std::collections::BTreeMap;
 
 use robert_kinematics::{IkConfig, IkResult, Kinematics, Target};
 
-use super::document::{Clip, Key, Row, Start};
+use super::document::{Clip, Goal, Key, Row, Start};
 use super::flaw::{Flaw, Invalid, hint, some};
 use super::grid::round;
 use super::joints::JointTable;
-use super::path::Path;
+use super::path::{Path, Paths};
 use super::reach::{Reach, Reached};
+use super::tracks::Tracks;
 
 /// Distance that counts as reached, m.
 const TOLERANCE_M: f64 = 1e-4;
@@ -93,7 +96,11 @@ struct Solver<'a> {
     locked: Vec<usize>,
     /// The state before the clip, which is also the value of joints that the clip does not have.
     rest: Vec<f64>,
-    /// For each joint of the clip, the keys that have a value for it: first frame, last frame,
+    /// By key, the joints of the tree that move the points that it places.
+    movers: Vec<Vec<usize>>,
+    /// The keys that give each joint of the clip a value, of their own or by their goals.
+    tracks: Tracks,
+    /// For each joint of the clip, the keys that have a value of their own for it: first frame, last frame,
     /// value.
     known: Vec<Vec<(u32, u32, f64)>>,
     /// What is left of [`WORK`].
@@ -118,27 +125,58 @@ impl<'a> Solver<'a> {
                 rest[*at] = *value;
             }
         }
+        let points = |key: &Key| key.reach.iter().map(|r| r.point.clone()).collect::<Vec<_>>();
+        let places = |key: &Key| tree.movers(&points(key)).unwrap_or_default();
+        let movers: Vec<Vec<usize>> = clip
+            .keys
+            .iter()
+            .map(|key| if key.reach.is_empty() { Vec::new() } else { places(key) })
+            .collect();
+        let tracks = Tracks::of(clip.keys.len(), clip.dim(), |i, j| {
+            let key = &clip.keys[i];
+            let is_solved = |at: usize| key.goal == Goal::Open || movers[i].contains(&at);
+            to_state[j].is_some_and(is_solved) && !key.reach.is_empty()
+                || clip.row(key).is_some_and(|row| row[j].is_some())
+        });
         let mut known = vec![Vec::new(); clip.dim()];
         for (i, key) in clip.keys.iter().enumerate() {
-            let last = clip.hold_end(i).saturating_sub(1).max(key.frame);
-            for (list, value) in known.iter_mut().zip(clip.row(key).into_iter().flatten()) {
-                list.extend(value.map(|v| (key.frame, last, v)));
+            let row = clip.row(key).into_iter().flatten();
+            for (j, (list, value)) in known.iter_mut().zip(row).enumerate() {
+                let last = || tracks.hold_end(clip, i, j).saturating_sub(1).max(key.frame);
+                list.extend(value.map(|v| (key.frame, last(), v)));
             }
         }
         let rows = vec![None; clip.keys.len()];
         let found = Solved { rows, ..Solved::default() };
-        Solver { clip, tree, to_state, locked, rest, known, left: Cell::new(WORK), found }
+        let left = Cell::new(WORK);
+        Solver { clip, tree, to_state, locked, rest, movers, tracks, known, left, found }
+    }
+
+    /// The paths of points.
+    fn paths(&self) -> Paths {
+        Paths::of(self.clip, |i| {
+            let moved = (0..self.clip.dim()).filter(|j| self.moves(i, *j));
+            moved.filter_map(|j| self.tracks.next(i, j)).min()
+        })
+    }
+
+    /// Whether a joint of the clip moves the points that key `i` places.
+    fn moves(&self, i: usize, joint: usize) -> bool {
+        self.to_state[joint].is_some_and(|at| self.movers[i].contains(&at))
     }
 
     fn run(mut self) -> Solved {
+        let paths = self.paths();
         let mut before: Option<Vec<f64>> = None;
+        // By key, the state at the beginning of the path that ends there.
+        let mut begun: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
         for (i, key) in self.clip.keys.iter().enumerate() {
             let posture = self.posture(key.frame);
             if !key.reach.is_empty() {
-                let path = self.path_to(i).zip(before.clone());
+                let path = paths.before(self.clip, i).zip(begun.remove(&i));
                 let found = if let Some((path, from)) = path {
                     // The key is the last frame of the way to it.
-                    let last = self.along(&path, i - 1, from);
+                    let last = self.along(&path, from);
                     let near = drawn(&last, &posture);
                     self.search(&[&last], &near, &targets(&key.reach))
                 } else {
@@ -148,13 +186,20 @@ impl<'a> Solver<'a> {
                     self.search(&starts, &posture, &targets(&key.reach))
                 };
                 self.note(i, key.frame, &key.reach, &found);
-                self.found.rows[i] = Some(self.row(key, &found.state));
+                self.found.rows[i] = Some(self.row(i, key, &found.state));
+                if let Some(path) = paths.after(self.clip, i) {
+                    begun.insert(path.to, found.state.clone());
+                }
                 before = Some(found.state);
             } else if let Some(row) = self.clip.row(key) {
                 let mut state = posture;
-                for (at, value) in self.to_state.iter().zip(row) {
-                    if let (Some(at), Some(value)) = (at, value) {
-                        state[*at] = *value;
+                for (j, (at, value)) in self.to_state.iter().zip(row).enumerate() {
+                    let Some(at) = *at else { continue };
+                    let solved = |b: &usize| !self.clip.keys[*b].reach.is_empty();
+                    let kept = || self.tracks.before(i, j).filter(solved).and(before.as_ref());
+                    // A joint without a value stays where goals led it.
+                    if let Some(value) = value.or_else(|| Some(kept()?[at])) {
+                        state[at] = value;
                     }
                 }
                 before = Some(state);
@@ -163,20 +208,14 @@ impl<'a> Solver<'a> {
         self.found
     }
 
-    /// The path of the points that leads to key `i`, if one does.
-    fn path_to(&self, i: usize) -> Option<Path<'a>> {
-        Path::after(self.clip, i.checked_sub(1)?)
-    }
-
-    /// Solves the frames between key `i` and the next, and returns the last state.
-    fn along(&mut self, path: &Path<'_>, i: usize, mut state: Vec<f64>) -> Vec<f64> {
-        let points: Vec<_> = path.goals(path.last).into_iter().map(|r| r.point).collect();
-        let movers = self.tree.movers(&points).unwrap_or_default();
+    /// Solves the frames on a path, and returns the last state.
+    fn along(&mut self, path: &Path<'_>, mut state: Vec<f64>) -> Vec<f64> {
         let moved: Vec<(usize, usize)> = self
             .to_state
             .iter()
             .enumerate()
-            .filter_map(|(j, at)| at.filter(|at| movers.contains(at)).map(|at| (j, at)))
+            .filter(|(j, _)| self.moves(path.key, *j))
+            .filter_map(|(j, at)| at.map(|at| (j, at)))
             .collect();
         let mut worst: Option<(u32, Vec<Reach>, IkResult)> = None;
         for frame in path.first..path.last {
@@ -193,7 +232,7 @@ impl<'a> Solver<'a> {
             }
         }
         if let Some((frame, goals, found)) = worst {
-            self.note(i, frame, &goals, &found);
+            self.note(path.key, frame, &goals, &found);
         }
         state
     }
@@ -253,9 +292,8 @@ impl<'a> Solver<'a> {
 
     /// The values of a key: all solved ones if it has none of its own, otherwise its own and the
     /// solved ones of the other joints.
-    fn row(&self, key: &Key, state: &[f64]) -> Row {
-        let points: Vec<_> = key.reach.iter().map(|r| r.point.clone()).collect();
-        let movers = self.tree.movers(&points).unwrap_or_default();
+    fn row(&self, i: usize, key: &Key, state: &[f64]) -> Row {
+        let movers = &self.movers[i];
         let own = self.clip.row(key);
         let value = |(j, at): (usize, &Option<usize>)| {
             let held = own.map(|row| row.get(j).copied().flatten());

@@ -29,12 +29,16 @@ pub(super) fn superfluous(clip: &Clip, chosen: &BTreeSet<u32>, tolerance: f64) -
 /// m) of every row that was there.
 pub fn thin(clip: &mut Clip, tolerance: f64) {
     clip.fill = Fill::Linear;
-    // A frame without a row stays without a goal: the key before it does not reach across.
-    let next: Vec<Option<u32>> =
-        (1..=clip.keys.len()).map(|i| clip.keys.get(i).map(|k| k.frame)).collect();
-    for (key, next) in clip.keys.iter_mut().zip(next) {
-        let gap = next.is_some_and(|n| n > key.frame + key.hold);
-        key.fill = gap.then_some(Fill::Mask);
+    // A frame without a value for a joint stays without its goal: the key before it does not reach across.
+    let ends = |i: usize| {
+        let (key, next) = (&clip.keys[i], clip.keys.get(i + 1)?);
+        let (row, then) = (clip.row(key)?, clip.row(next)?);
+        let gap = next.frame > key.frame + key.hold;
+        Some(gap || row.iter().zip(then).any(|(a, b)| a.is_some() && b.is_none()))
+    };
+    let ends: Vec<Option<bool>> = (0..clip.keys.len()).map(ends).collect();
+    for (key, ends) in clip.keys.iter_mut().zip(ends) {
+        key.fill = (ends == Some(true)).then_some(Fill::Mask);
     }
     let chosen = clip.keys.iter().map(|k| k.frame).collect();
     let gone = superfluous(clip, &chosen, tolerance);
@@ -50,7 +54,7 @@ fn plain(key: &Key) -> bool {
         && matches!(key.goal, Goal::Q(_))
 }
 
-/// Two keys about the same joints, with the same fill after them.
+/// Two keys for the same joints, with the same fill after them.
 fn alike(a: &Key, b: &Key) -> bool {
     let open = |k: &Key| match &k.goal {
         Goal::Q(row) => row.iter().map(Option::is_some).collect(),
@@ -170,6 +174,25 @@ mod tests {
         for f in 0..150 {
             assert_eq!(thinned.sight(f), dense.sight(f), "frame {f}");
             assert!((thinned.row(f)[0] - dense.row(f)[0]).abs() < 0.011, "frame {f}");
+        }
+    }
+
+    #[test]
+    fn a_joint_without_values_for_a_while_keeps_its_hole() {
+        let mut c = clip(Vec::new());
+        let wave = |f: u32| Some((f64::from(f) / 20.0).sin());
+        let b = |f: u32| wave(f + 9).filter(|_| !(50..80).contains(&f) && f < 120);
+        let row = |f: u32| Key::with(f, Goal::Q(vec![wave(f), b(f)]));
+        c.keys = (0..150).map(row).collect();
+        let dense = crate::compile(&c).unwrap();
+        thin(&mut c, 0.01);
+        assert!(c.keys.len() < 50, "{} keys", c.keys.len());
+        let thinned = crate::compile(&c).unwrap();
+        for f in 0..150 {
+            for j in 0..2 {
+                assert_eq!(thinned.sees(f, j), dense.sees(f, j), "frame {f}, joint {j}");
+                assert!((thinned.row(f)[j] - dense.row(f)[j]).abs() < 0.011, "frame {f}");
+            }
         }
     }
 

@@ -94,6 +94,12 @@ impl Tangent {
         }
     }
 
+    /// The same tangent, with slope 0 after the key. A named one has it if the next key has the same value.
+    #[must_use]
+    pub(crate) fn into_rest(self) -> Tangent {
+        self.typed().map_or(self, |[before, _]| Tangent::corner(before, 0.0))
+    }
+
     /// On the document's grid, and one number if both slopes are equal.
     pub(crate) fn normal(self) -> Tangent {
         match self.map(round) {

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use super::document::{Clip, Goal, Row, Start};
 use super::flaw::{Flaw, Invalid, hint, some};
 use super::json::escape_step;
-use super::path::Path;
+use super::path::frames_ahead;
 use super::reach::Reach;
 use robert_base::limits;
 use robert_kinematics::Point;
@@ -177,7 +177,6 @@ impl Clip {
             }
             reaches += key.reach.len();
             solved += usize::from(!key.reach.is_empty());
-            solved += Path::after(self, i).map_or(0, |path| path.frames());
             if key.hold == 0 || key.hold > limits::CLIP_FRAMES {
                 return fail(at("hold"), Flaw::Hold { hold: key.hold });
             }
@@ -194,6 +193,7 @@ impl Clip {
         }
         at_most("/keys", "tangents", tangents, limits::CLIP_TANGENTS)?;
         at_most("/keys", "end-effector goals", reaches, limits::CLIP_REACHES)?;
+        solved += frames_ahead(self);
         let what = "frames with end-effector goals";
         at_most("/keys", what, solved, limits::CLIP_REACH_FRAMES)?;
         let own = |k: &super::Key| if let Goal::Q(q) = &k.goal { q.len() } else { 0 };

@@ -119,12 +119,16 @@ proptest! {
                 (m.from..m.to).contains(&t)
                     && m.joints.as_ref().is_none_or(|n| n.contains(&clip.robot.joints[j]))
             });
-            for t in key.frame..clip.hold_end(i) {
-                for (j, v) in clip.row(key).unwrap().iter().enumerate() {
+            for (j, v) in clip.row(key).unwrap().iter().enumerate() {
+                let Some(v) = v else { continue };
+                let own = |k: &&Key| clip.row(k).unwrap()[j].is_some();
+                let next = clip.keys[i + 1..].iter().find(own).map_or(clip.length, |k| k.frame);
+                let end = (key.frame + key.hold).min(next);
+                for t in key.frame..end {
                     let seen = c.sees(t, j).then(|| c.row(t)[j]);
-                    let expect = v.filter(|_| !masked(t, j)).map(|v| v as f32);
-                    prop_assert_eq!(seen, expect, "frame {} joint {}", t, j);
+                    prop_assert_eq!(seen, (!masked(t, j)).then_some(*v as f32), "frame {} joint {}", t, j);
                 }
+                prop_assert!(end <= clip.hold_end(i));
             }
         }
         let json = formats::to_command_json(&c, "arm");

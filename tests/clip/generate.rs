@@ -19,10 +19,12 @@ fn value(r: &mut Rng) -> f64 {
 }
 
 pub(crate) fn row(r: &mut Rng, dim: usize, open: bool) -> Row {
+    // Some rows are of a few joints only.
+    let share = if r.below(3) == 0 { 2 } else { 6 };
     let mut row: Row =
-        (0..dim).map(|_| if open && r.below(6) == 0 { None } else { Some(value(r)) }).collect();
+        (0..dim).map(|_| if open && r.below(share) == 0 { None } else { Some(value(r)) }).collect();
     if row.iter().all(Option::is_none) {
-        row[0] = Some(0.25);
+        row[r.below(dim as u64) as usize] = Some(0.25);
     }
     row
 }
@@ -47,7 +49,11 @@ fn goal(r: &mut Rng, clip: &Clip) -> Goal {
 
 pub(crate) fn key(r: &mut Rng, clip: &Clip, frame: u32) -> Key {
     let note = if r.below(9) == 0 { word(r) } else { String::new() };
-    let hold = if r.below(3) == 0 { 1 + r.below(30) as u32 } else { 1 };
+    let hold = match r.below(6) {
+        0 => 1 + r.below(30) as u32,
+        1 => 1 + r.below(150) as u32,
+        _ => 1,
+    };
     Key {
         hold,
         fill: fill(r),

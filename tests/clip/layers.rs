@@ -115,6 +115,70 @@ proptest! {
     }
 }
 
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 200, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn a_block_without_a_blend_changes_nothing_beside_it(
+        seed in any::<u64>(), length in 1_u32..60, at in 0_u32..300
+    ) {
+        let mut clip = generate::clip(seed);
+        clip.normalize();
+        prop_assume!(clip.markers.iter().all(|m| m.to.is_none()));
+        let at = at.min(clip.length);
+        let mut inner = Clip::new(clip.robot.clone(), length);
+        inner.keys = vec![Key::new(0, &vec![0.5; clip.dim()]).held(length)];
+        let (name, part) = ("b".to_owned(), Part::of(&inner));
+        clip.offsets.clear();
+        clip.masks.clear();
+        let curved = clip.keys.iter().any(|k| clip.fill_after(k) == Fill::Cubic);
+        let before = compile(&clip).unwrap();
+        let most = before.q().iter().fold(0.0_f64, |most, v| most.max(f64::from(v.abs())));
+        let insert = BlocksInsert { at, name, part, blend: 0 };
+        let after = compile(&edit(&clip, &Op::BlocksInsert(insert))).unwrap();
+        for t in 0..clip.length {
+            let then = if t < at { t } else { t + length };
+            for j in 0..clip.dim() {
+                prop_assert_eq!(before.sees(t, j), after.sees(then, j), "frame {} joint {}", t, j);
+                // What passes the cut is a line to a value in single precision, or a curve that has about
+                // the same slopes at its new ends.
+                let [a, b] = [before.row(t)[j], after.row(then)[j]].map(f64::from);
+                prop_assert!(curved || (a - b).abs() < 1e-6 * (1.0 + most), "frame {t}: {a} {b}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_part_keeps_joints_whose_last_key_is_an_earlier_one() {
+    let mut clip = dense(0);
+    clip.length = 40;
+    let one = |frame, a, b| Key::with(frame, Goal::Q(vec![a, b]));
+    clip.fill = Fill::Cubic;
+    let mut first = Key::new(0, &[0.0, 1.0]);
+    first.tangents.insert("b".into(), Tangent::Slope(2.0));
+    for fill in Fill::ALL {
+        let last = one(20, Some(1.0), None).held(5).filled(fill);
+        clip.keys = vec![first.clone(), one(10, Some(0.5), None), last];
+        let twice = edit(
+            &clip,
+            &Op::BlocksInsert(BlocksInsert {
+                at: 40,
+                name: "again".into(),
+                part: Part::of(&clip),
+                blend: 0,
+            }),
+        );
+        let (once, twice) = (compile(&clip).unwrap(), compile(&twice).unwrap());
+        for t in 0..80 {
+            for j in 0..2 {
+                let goal = |c: &Command, t| c.sees(t, j).then(|| c.row(t)[j]);
+                assert_eq!(goal(&twice, t), goal(&once, t % 40), "{fill:?}: frame {t}, joint {j}");
+            }
+        }
+    }
+}
+
 #[test]
 fn a_clip_is_inserted_with_a_blend_that_keeps_both_speeds() {
     let (base, other) = (dense(60), dense(40));

@@ -260,7 +260,7 @@ fn other_robots_and_hidden_keys() {
 }
 
 #[test]
-fn a_key_for_some_joints_ends_holds_and_fills_of_the_others() {
+fn a_key_for_some_joints_ends_only_their_holds() {
     let whole = |frame| Key::new(frame, &[0.0; 3]);
     let one = |frame| Key::with(frame, Goal::Q(vec![Some(0.1), None, None]));
     let mut c = clip(vec![whole(0).held(20), one(12).filled(Fill::Linear), whole(30).held(30)]);
@@ -269,14 +269,50 @@ fn a_key_for_some_joints_ends_holds_and_fills_of_the_others() {
         let lints = lint(c, &compile(c).unwrap(), &able, None);
         lints.into_iter().filter(|l| l.rule == Rule::Hidden).map(|l| l.message).collect()
     };
-    let cut = "the hold of 20 frames at frame 0 ends after 12, at the key at frame 12, although that key has no value for J2, J3: a key ends the hold of all joints";
+    let cut = "the hold of 20 frames at frame 0 ends earlier for J1, at the key at frame 12";
     assert_eq!(said(&c), [cut]);
     c.keys[0] = whole(0).held(5).filled(Fill::Cubic);
-    let left = "the fill after frame 4 leaves out J2, J3: a line or curve needs values in both keys, and the one at frame 12 has none";
-    assert_eq!(said(&c), [left]);
-    // A joint without another goal is free on purpose.
-    c.keys[2] = one(30).held(30);
-    assert_eq!(said(&c), [""; 0]);
+    assert_eq!(said(&c), [""; 0], "the fill leads J2 and J3 past the key");
+    // A mask of J1 hides the key, whatever is commanded of the other joints there.
+    c.masks = vec![Mask { from: 12, to: 13, joints: Some(vec!["J1".into()]) }];
+    assert_eq!(said(&c), ["the key at frame 12 is hidden by a mask"]);
+}
+
+#[test]
+fn speeds_and_slopes_are_those_between_the_keys_of_a_joint() {
+    let one = |frame| Key::with(frame, Goal::Q(vec![None, Some(0.0), None]));
+    let j3 = |frame, q| Key::with(frame, Goal::Q(vec![None, None, Some(q)]));
+    let able = JointTable { granularity: Granularity::Joint, couplings: vec![], ..table() };
+    let said = |c: &Clip, rule: Rule| -> Vec<Lint> {
+        let lints = lint(c, &compile(c).unwrap(), &able, None);
+        lints.into_iter().filter(|l| l.rule == rule).collect()
+    };
+    // J3 has 8 frames, and needs 15; the keys between are about another joint.
+    let keys = vec![Key::new(0, &[0.0; 3]).held(20), one(22), one(24), j3(27, 1.5), one(59)];
+    let mut c = clip(keys);
+    for fill in Fill::ALL {
+        c.fill = fill;
+        let lints = said(&c, Rule::JointSpeed);
+        assert_eq!((lints.len(), &lints[0].joints[..]), (1, &["J3".to_owned()][..]), "{fill:?}");
+        for fix in &lints[0].fixes {
+            let next = edited(&c, &fix.op, Some(&able)).unwrap();
+            assert_eq!(said(&next, Rule::JointSpeed), [], "{fill:?}: {}", fix.title);
+        }
+        assert!(lints[0].fixes.len() > usize::from(fill != Fill::Hold), "{lints:?}");
+    }
+    // A steep slope shapes the curve to the joint's own next key.
+    c.fill = Fill::Cubic;
+    c.keys[3] = j3(40, 0.0);
+    c.keys[0].tangents.insert("J3".into(), Tangent::Slope(19.0));
+    c.keys[1].tangents.insert("J3".into(), Tangent::FLAT);
+    let out = said(&c, Rule::JointLimit);
+    assert_eq!(
+        (out.len(), out[0].frames, &out[0].joints[..]),
+        (1, Some([0, 41]), &["J3".to_owned()][..])
+    );
+    let idle = said(&c, Rule::Hidden);
+    assert_eq!((idle.len(), idle[0].pointer.as_str()), (1, "/keys/1/tangents"));
+    assert_eq!(idle[0].fixes.len(), 1, "no fill makes a curve of a joint without a value");
 }
 
 struct Wall;

@@ -10,6 +10,7 @@ mod lints;
 mod reach;
 mod robots;
 mod schema;
+mod tracks;
 
 /// Processor time of this thread so far: a busy machine is no hang.
 pub(crate) fn cpu() -> std::time::Duration {

@@ -65,6 +65,46 @@ fn the_tool_draws_the_square_that_its_corners_say() {
 }
 
 #[test]
+fn a_key_for_joints_that_do_not_move_a_point_leaves_its_path() {
+    let robot = Robot::builtin("shadow_hand").unwrap();
+    let tip = Point::Site("fftip".into());
+    let at = |values: [(&str, f64); 2]| {
+        let mut q = robot.home();
+        for (joint, v) in values {
+            q[robot.joint_index(joint).unwrap()] = v;
+        }
+        let row: Vec<f32> = q.iter().map(|v| *v as f32).collect();
+        Reach { point: tip.clone(), pos: place(&robot, &row, &tip), quat: None }
+    };
+    let mut clip = Clip::new(robot.clip_ref(), 41);
+    clip.fill = Fill::Linear;
+    let ends = [at([("FFJ3", 0.2), ("FFJ2", 0.1)]), at([("FFJ3", 0.8), ("FFJ2", 0.6)])];
+    for (frame, reach) in [0, 40].into_iter().zip(ends.clone()) {
+        clip.keys.push(Key { reach: vec![reach], ..Key::with(frame, Goal::Open) });
+    }
+    let between = |joint: &str, value: f64| {
+        let mut row: Row = vec![None; clip.dim()];
+        row[robot.joint_index(joint).unwrap()] = Some(value);
+        let mut clip = clip.clone();
+        clip.keys.insert(1, Key::with(20, Goal::Q(row)));
+        robot.compile(&clip).unwrap()
+    };
+    let off_path = |command: &Command, frame: u32| {
+        let s = f64::from(frame) / 40.0;
+        let line = [0, 1, 2].map(|i| ends[0].pos[i] + s * (ends[1].pos[i] - ends[0].pos[i]));
+        distance(place(&robot, command.row(frame), &tip), line)
+    };
+    let thumb = between("THJ4", 0.5);
+    for frame in 0..=40 {
+        assert!(off_path(&thumb, frame) < 2e-4, "frame {frame}: {}", off_path(&thumb, frame));
+    }
+    assert_eq!(thumb.row(20)[robot.joint_index("THJ4").unwrap()], 0.5);
+    let finger = between("FFJ3", 1.2);
+    assert_eq!(finger.row(20)[robot.joint_index("FFJ3").unwrap()], 1.2);
+    assert!(off_path(&finger, 20) > 0.01, "this key moves the tip off the path");
+}
+
+#[test]
 fn a_reach_that_is_too_far_says_how_far_and_where() {
     let ran = robert()
         .file(

@@ -10,7 +10,7 @@ export function keyEnd(key: Key): number {
   return key.frame + Math.max(1, key.hold ?? 1);
 }
 
-/** What follows a key until the next one. */
+/** What follows a key until the next one of each joint. */
 export function fillAfter(clip: Clip, key: Key): Fill {
   return key.fill ?? clip.fill ?? "mask";
 }
@@ -19,6 +19,11 @@ export function fillAfter(clip: Clip, key: Key): Fill {
 export function values(clip: Clip, key: Key): (number | null)[] {
   if (key.q) return key.q;
   return (key.pose !== undefined && clip.poses?.[key.pose]) || [];
+}
+
+/** Whether a key is one of a joint: it has a value for it, or its end-effector goals may lead to one. */
+export function isOf(clip: Clip, key: Key, joint: number): boolean {
+  return typeof values(clip, key)[joint] === "number" || (key.reach?.length ?? 0) > 0;
 }
 
 /** Joints of a key that a pose would change. Those that the key leaves open stay open. */
@@ -54,12 +59,14 @@ export function keyAt(clip: Pick<Clip, "keys">, frame: number): Key | undefined 
   return clip.keys.find((k) => k.frame === frame);
 }
 
-export function prevKey(clip: Clip, frame: number): Key | undefined {
-  return clip.keys.filter((k) => k.frame < frame).at(-1);
+/** The last key before a frame, of all joints or of one. */
+export function prevKey(clip: Clip, frame: number, joint?: number): Key | undefined {
+  return clip.keys.findLast((k) => k.frame < frame && (joint === undefined || isOf(clip, k, joint)));
 }
 
-export function nextKey(clip: Clip, frame: number): Key | undefined {
-  return clip.keys.find((k) => k.frame > frame);
+/** The first key after a frame, of all joints or of one. */
+export function nextKey(clip: Clip, frame: number, joint?: number): Key | undefined {
+  return clip.keys.find((k) => k.frame > frame && (joint === undefined || isOf(clip, k, joint)));
 }
 
 /** Frames as `m:ss:ff`-like text for people: seconds and frames. */

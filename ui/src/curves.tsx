@@ -5,7 +5,7 @@ import { effect } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
-import { keyEnd, values } from "./clip";
+import { isOf, keyEnd, values } from "./clip";
 import { addedAt, isDense } from "./layers";
 import { digitsOf, fixed } from "./numbers";
 import * as store from "./store";
@@ -16,11 +16,12 @@ function goals(joint: number): (number | null)[] {
   const clip = store.doc.value?.clip;
   if (!clip) return [];
   const row: (number | null)[] = new Array(clip.length).fill(null);
-  for (const key of clip.keys) {
+  const keys = clip.keys.filter((key) => isOf(clip, key, joint));
+  for (const [i, key] of keys.entries()) {
     const own = values(clip, key)[joint];
-    const v = typeof own === "number" ? own + addedAt(clip, joint, key.frame) : own;
-    if (v === null || v === undefined) continue;
-    for (let f = key.frame; f < Math.min(keyEnd(key), clip.length); f++) row[f] = v;
+    if (typeof own !== "number") continue;
+    const end = Math.min(keyEnd(key), keys[i + 1]?.frame ?? clip.length);
+    row.fill(own + addedAt(clip, joint, key.frame), key.frame, end);
   }
   for (const m of clip.masks ?? []) {
     if (m.joints && !m.joints.includes(clip.robot.joints[joint] ?? "")) continue;
@@ -52,7 +53,7 @@ function crosses(u: uPlot, joint: number, color: string, turn: number): void {
   let before = -Infinity;
   for (const key of d.clip.keys) {
     const v = goal[key.frame];
-    if (v === null || v === undefined) continue;
+    if (v === null || v === undefined || !isOf(d.clip, key, joint)) continue;
     const y = u.valToPos(v * turn, "y", true);
     const x = u.valToPos(key.frame / d.clip.fps, "x", true);
     if (dense && x - before < 4 * r) continue;

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
 import { type Clip, changedBy, clock, type Key, keyEnd, parseTime, replaced, startsAway } from "./clip";
-import { stretches } from "./graph/curve";
+import { commandedAt, stretches } from "./graph/curve";
 import { reordered, spanOf, weight } from "./layers";
 import { ANGLES, digitsOf, fixed, inUnits, LENGTHS, parseNumber } from "./numbers";
 import { patched } from "./patch";
@@ -530,6 +530,84 @@ test("a curve is drawn with the tangents that the compiler takes", () => {
   const [s, rise] = [0.25, 1];
   const expected = 1 + 2 * (s ** 3 - 2 * s * s + s) + (3 * s * s - 2 * s ** 3) * rise + (s ** 3 - s * s) * 1;
   assert.ok(Math.abs((after(1)[5] ?? 0) - expected) < 1e-9);
+});
+
+/** Joint a is keyed three times; b is held, led past a's key and left at its value. */
+const layered: Clip = {
+  ...clip,
+  fill: "linear",
+  length: 60,
+  masks: [],
+  keys: [
+    { frame: 0, q: [0, 1, null], hold: 20 },
+    { frame: 10, q: [1, null, null], hold: 5, fill: "mask" },
+    { frame: 40, q: [2, 3, null] },
+    { frame: 50, q: [3, null, null] },
+  ],
+};
+
+test("a curve goes from a key of its joint to the next, past keys for other joints", () => {
+  const of = (joint: number) => stretches(layered, joint).map((s) => [s.kind, s.from, s.to]);
+  assert.deepEqual(of(0), [
+    ["key", 0, 9],
+    ["linear", 9, 10],
+    ["key", 10, 14],
+    ["masked", 14, 40],
+    ["linear", 40, 50],
+    ["hold", 50, 59],
+  ]);
+  assert.deepEqual(of(1), [
+    ["key", 0, 19],
+    ["linear", 19, 40],
+    ["hold", 40, 59],
+  ]);
+  assert.deepEqual(of(2), []);
+  const at = (joint: number) => [10, 29.5, 40, 50].map((f) => commandedAt(layered, joint, Math.ceil(f)));
+  assert.deepEqual(at(0), [1, undefined, 2, 3]);
+  assert.deepEqual(at(1), [1, 1 + (2 * 11) / 21, 3, 3]);
+});
+
+test("an automatic slope is that between the keys of the joint", () => {
+  const keys = [
+    { frame: 0, q: [0, 0, 0] },
+    { frame: 10, q: [5, null, 0] },
+    { frame: 20, q: [1, 1, 0] },
+    { frame: 30, q: [5, null, 0] },
+    { frame: 40, q: [2, 2, 0] },
+  ];
+  const smooth: Clip = { ...clip, fill: "cubic", length: 41, masks: [], keys };
+  const alone: Clip = { ...smooth, keys: keys.filter((k) => k.q[1] !== null) };
+  assert.deepEqual(stretches(smooth, 1), stretches(alone, 1));
+});
+
+test("a row shows what is commanded of its joint", () => {
+  const box = { width: 900, height: 200 };
+  const view = { zoom: 10, left: 0, top: 0 };
+  const row = (joints: number[] | undefined, left = 0) =>
+    bars(ofRow(marks(layered, { ...view, left }, box, new Map(), new Set()), joints, box.width)).map((b) => [
+      b.ink,
+      ...[b.from, b.to].map((x) => Math.round(left + (x - LABELS) / view.zoom)),
+    ]);
+  assert.deepEqual(row([1]), [
+    ["linear", 20, 40],
+    ["hold", 0, 20],
+    ["held", 41, 60],
+  ]);
+  assert.deepEqual(row([0]), [
+    ["hold", 0, 15],
+    ["masked", 15, 40],
+    ["linear", 41, 50],
+    ["held", 51, 60],
+  ]);
+  assert.deepEqual(row([2]), []);
+  // The bar of a key far to the left reaches in.
+  assert.deepEqual(row([1], 30), row([1]));
+});
+
+test("what M masks of one joint lies between its own keys", () => {
+  const of = (joint?: number) => acted(layered, new Set(), undefined, 25, joint);
+  assert.deepEqual([of(1)?.from, of(1)?.to], [20, 40]);
+  assert.deepEqual([of(0)?.from, of(0)?.to], [15, 40]);
 });
 
 test("sentences of the program have the page's unit", () => {

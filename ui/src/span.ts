@@ -21,12 +21,14 @@ export type Why =
   | "the loop range"
   | "the interval at the playhead";
 
-/** The frames that M and U act on: the nearest thing that a person has pointed out. */
+/** The frames that M and U act on: the nearest thing that a person has pointed out. An interval is one between keys
+ * of a joint, if there is one. */
 export function acted(
   clip: Clip,
   selected: ReadonlySet<number>,
   range: Span | undefined,
   at: number,
+  joint?: number,
 ): (Span & { why: Why }) | undefined {
   const frames = clip.keys.map((k) => k.frame).filter((f) => selected.has(f));
   const [first, last] = [frames[0], frames.at(-1)];
@@ -35,8 +37,8 @@ export function acted(
     span = { from: first + 1, to: last, why: "the selected keys" };
   else {
     if (first === undefined && range) return { ...range, why: "the loop range" };
-    const before = first !== undefined ? keyAt(clip, first) : (keyAt(clip, at) ?? prevKey(clip, at));
-    const after = nextKey(clip, first ?? at);
+    const before = first !== undefined ? keyAt(clip, first) : prevKey(clip, at + 1, joint);
+    const after = nextKey(clip, first ?? at, joint);
     span = {
       from: before ? keyEnd(before) : 0,
       to: after?.frame ?? clip.length,

@@ -4,6 +4,8 @@
 //! names other files. It breaks when one of them is moved or changed, and no other tool could read
 //! it.
 
+use std::collections::BTreeMap;
+
 use super::edit::Edit;
 use super::error::{Done, OpError, argument};
 use crate::command::Command;
@@ -50,38 +52,106 @@ impl Edit<'_> {
         self.blend_at(from + length + trail, trail)
     }
 
-    /// Makes a key on both sides of `at`, if a curve or a line passes there.
+    /// Makes a key on both sides of `at` for the joints that are commanded there, so that nothing leads from one
+    /// side to the other.
     fn split(&mut self, at: u32) -> Done {
         let Some(before) = at.checked_sub(1) else { return Ok(()) };
         let bare = Clip { offsets: Vec::new(), masks: Vec::new(), ..self.clip.clone() };
         let command = compile_for(&bare, self.table)?;
-        let i = self.clip.keys.partition_point(|k| k.frame <= before);
-        let Some(i) = i.checked_sub(1) else { return Ok(()) };
-        let fill = self.clip.fill_after(&self.clip.keys[i]);
-        let is_held = self.clip.hold_end(i) > before;
-        for frame in [before, at] {
-            let is_there = self.clip.key(frame).is_some();
-            if is_there || frame >= self.clip.length || (frame == before && is_held) {
-                continue;
-            }
-            let sees = |j| command.sees(frame, j).then(|| round(f64::from(command.row(frame)[j])));
-            let row: Row = (0..self.clip.dim()).map(sees).collect();
-            if row.iter().all(Option::is_none) {
-                continue;
-            }
-            let mut key = Key::with(frame, Goal::Q(row)).filled(fill);
-            if fill == Fill::Cubic {
-                let other = if frame == before { before.checked_sub(1) } else { Some(at + 1) };
-                key.tangents = self.slopes(&command, frame, other);
-            }
-            self.place(vec![key], false)?;
+        let (clip, tracks) = (&*self.clip, command.tracks());
+        let Some(i) = clip.keys.partition_point(|k| k.frame <= before).checked_sub(1) else {
+            return Ok(());
+        };
+        let sees = |frame: u32, j: usize| frame < clip.length && command.sees(frame, j);
+        let held = |j: usize| tracks.has(i, j) && tracks.hold_end(clip, i, j) > before;
+        let is_held = (0..clip.dim()).all(|j| held(j) || !sees(before, j));
+        // How each joint goes on that passes `at`: its fill, and what is left of its hold.
+        let here = clip.key_index(at);
+        let passes = |j: &usize| {
+            sees(before, *j) && sees(at, *j) && !here.is_some_and(|k| tracks.has(k, *j))
+        };
+        let way = |j: usize| {
+            let k = tracks.last(i, j)?;
+            let rest = clip.full_hold(k).saturating_sub(at).max(1);
+            Some((clip.fill_after(&clip.keys[k]), rest))
+        };
+        let mut ways = (0..clip.dim()).filter(passes).filter_map(way);
+        let first = ways.next();
+        // One key cannot say that joints are held and filled in different ways.
+        let is_mixed = first.is_some() && (here.is_some() || ways.any(|way| Some(way) != first));
+        let fill = clip.fill_after(&clip.keys[i]);
+        let mut keys = Vec::new();
+        if !is_held {
+            keys.extend(self.key_of_all(&command, before, fill, before.checked_sub(1)));
+        }
+        let (fill, hold) = if is_mixed { (Fill::Hold, 1) } else { first.unwrap_or((fill, 1)) };
+        let key = self.key_of_all(&command, at, fill, Some(at + 1).filter(|_| hold == 1));
+        keys.extend(key.map(|key| if here.is_none() { key.held(hold) } else { key }));
+        // A joint that rests after its last key gets another one: a slope with which it leaves had no effect.
+        let resting = (0..clip.dim()).filter(|j| sees(before, *j) && tracks.next(i, *j).is_none());
+        let resting: Vec<(usize, String)> = resting
+            .filter_map(|j| Some((tracks.last(i, j)?, clip.robot.joints[j].clone())))
+            .collect();
+        for (k, joint) in resting {
+            self.clip.keys[k].tangents.entry(joint).and_modify(|t| *t = t.into_rest());
+        }
+        self.place(keys, true)?;
+        if is_mixed {
+            // With this fill all keys that its joints pass hang together with it.
+            self.clip
+                .keys
+                .iter_mut()
+                .filter(|k| k.frame == at)
+                .for_each(|k| k.fill = Some(Fill::Hold));
+            let bare = Clip { offsets: Vec::new(), masks: Vec::new(), ..self.clip.clone() };
+            let tracks = compile_for(&bare, self.table)?.tracks().clone();
+            let chosen = self.clip.keys.iter().map(|k| k.frame == at).collect();
+            self.dense(&command, &tracks, chosen, |frame, joint, own| {
+                own.unwrap_or_else(|| f64::from(command.row(frame)[joint]))
+            })?;
         }
         Ok(())
     }
 
+    /// The key at a frame with the values of all joints that are commanded there, with this fill if it is new; none
+    /// if there is nothing to add.
+    fn key_of_all(
+        &self,
+        command: &Command,
+        frame: u32,
+        fill: Fill,
+        beside: Option<u32>,
+    ) -> Option<Key> {
+        if frame >= self.clip.length {
+            return None;
+        }
+        let old = self.clip.key(frame);
+        let own = old.and_then(|key| self.clip.row(key));
+        let value = |j: usize| {
+            let seen = || command.sees(frame, j).then(|| round(f64::from(command.row(frame)[j])));
+            own.and_then(|row| row[j]).or_else(seen)
+        };
+        let row: Row = (0..self.clip.dim()).map(value).collect();
+        // End-effector goals decide over the joints.
+        if old.is_some_and(|key| !key.reach.is_empty())
+            || own == Some(&row)
+            || row.iter().all(Option::is_none)
+        {
+            return None;
+        }
+        let mut key = old.cloned().unwrap_or_else(|| Key::with(frame, Goal::Open).filled(fill));
+        key.goal = Goal::Q(row);
+        if fill == Fill::Cubic {
+            let mut slopes = self.slopes(command, frame, beside);
+            slopes.extend(std::mem::take(&mut key.tangents));
+            key.tangents = slopes;
+        }
+        Some(key)
+    }
+
     /// Makes a smooth curve over the `blend` frames before `to`. It leads from the last key before
-    /// those frames to the first key at `to` or later, and keeps the speed of the motion at both
-    /// ends.
+    /// those frames to the first key at `to` or later of each joint, and keeps the speed of the motion at both
+    /// ends. A joint without a value in that last key stays as it was.
     fn blend_at(&mut self, to: u32, blend: u32) -> Done {
         let next = self.clip.keys.partition_point(|k| k.frame < to);
         let (Some(i), true) = (next.checked_sub(1), blend > 0 && next < self.clip.keys.len())
@@ -89,35 +159,38 @@ impl Edit<'_> {
             return Ok(());
         };
         let command = self.command()?;
-        let (last, first) = (self.clip.hold_end(i) - 1, self.clip.keys[next].frame);
-        let is_held = |i: usize| self.clip.hold_end(i) > self.clip.keys[i].frame + 1;
-        // What is held rests.
-        let before = last.checked_sub(1).filter(|_| !is_held(i));
-        let out = self.slopes(&command, last, before);
-        let arriving = self.slopes(&command, first, Some(first + 1).filter(|_| !is_held(next)));
+        let (clip, tracks) = (&*self.clip, command.tracks());
+        let mut leaving = BTreeMap::new();
+        let mut arriving: BTreeMap<usize, BTreeMap<String, Tangent>> = BTreeMap::new();
+        for (j, name) in clip.robot.joints.iter().enumerate().filter(|(j, _)| tracks.has(i, *j)) {
+            let Some(n) = tracks.next(i, j) else { continue };
+            let (last, first) = (tracks.hold_end(clip, i, j) - 1, clip.keys[n].frame);
+            // What is held rests.
+            let is_held = |k: usize| tracks.hold_end(clip, k, j) > clip.keys[k].frame + 1;
+            let before = last.checked_sub(1).filter(|_| !is_held(i));
+            let after = Some(first + 1).filter(|_| !is_held(n));
+            leaving.insert(name.clone(), slope(&command, j, last, before));
+            let there = arriving.entry(n).or_default();
+            there.insert(name.clone(), slope(&command, j, first, after));
+        }
         self.clip.keys[i].fill = Some(Fill::Cubic);
-        self.clip.keys[i].tangents = out;
-        self.clip.keys[next].tangents = arriving;
+        self.clip.keys[i].tangents.extend(leaving);
+        for (n, slopes) in arriving {
+            self.clip.keys[n].tangents.extend(slopes);
+        }
         Ok(())
     }
 
-    /// The speed of each joint at this frame, measured from a neighbouring frame; 0 if there is
-    /// none.
+    /// The slopes of the joints that have a goal at this frame, as [`slope`] measures them.
     fn slopes(
         &self,
         command: &Command,
         frame: u32,
         beside: Option<u32>,
-    ) -> std::collections::BTreeMap<String, Tangent> {
-        let slope = |j: usize| {
-            let other = beside.filter(|o| command.sees(frame, j) && command.sees(*o, j))?;
-            let step = f64::from(command.row(frame)[j]) - f64::from(command.row(other)[j]);
-            let speed = step / (f64::from(frame) - f64::from(other)) / CTRL_DT;
-            let most = limits::CLIP_VALUE_MAX;
-            (speed.abs() > REST).then(|| Tangent::Slope(round(speed.clamp(-most, most))))
-        };
+    ) -> BTreeMap<String, Tangent> {
         let joints = self.clip.robot.joints.iter().enumerate();
-        joints.map(|(j, name)| (name.clone(), slope(j).unwrap_or(Tangent::FLAT))).collect()
+        let seen = joints.filter(|(j, _)| command.sees(frame, *j));
+        seen.map(|(j, name)| (name.clone(), slope(command, j, frame, beside))).collect()
     }
 
     /// All blocks in order; they do not overlap.
@@ -208,4 +281,14 @@ impl Edit<'_> {
         super::masks::merge_masks(&mut clip.masks);
         Ok(())
     }
+}
+
+/// The speed of a joint at this frame, measured from a neighbouring frame; 0 if there is none.
+fn slope(command: &Command, joint: usize, frame: u32, beside: Option<u32>) -> Tangent {
+    let other = beside.filter(|o| command.sees(frame, joint) && command.sees(*o, joint));
+    let Some(other) = other else { return Tangent::FLAT };
+    let step = f64::from(command.row(frame)[joint]) - f64::from(command.row(other)[joint]);
+    let speed = step / (f64::from(frame) - f64::from(other)) / CTRL_DT;
+    let most = limits::CLIP_VALUE_MAX;
+    if speed.abs() > REST { Tangent::Slope(round(speed.clamp(-most, most))) } else { Tangent::FLAT }
 }

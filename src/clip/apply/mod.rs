@@ -5,6 +5,7 @@
 //! own roll-back, and the result is always valid.
 
 mod blocks;
+mod dense;
 mod edit;
 mod error;
 mod keys;

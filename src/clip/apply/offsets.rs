@@ -5,11 +5,10 @@ use std::collections::BTreeMap;
 use super::edit::{Edit, distinct, refuse};
 use super::error::{Done, OpError, argument};
 use crate::compile::compile_for;
-use crate::document::{Clip, Fill, Goal, Key, Row};
+use crate::document::{Clip, Key};
 use crate::grid::round;
 use crate::offset::{FADE_FRAMES, Offset, total};
 use crate::op::{OffsetsMove, OffsetsSet};
-use robert_base::limits;
 
 impl Edit<'_> {
     pub(super) fn offsets_set(&mut self, a: &OffsetsSet) -> Done {
@@ -69,53 +68,18 @@ impl Edit<'_> {
         let baked = self.offsets_take(frames)?;
         let bare = Clip { masks: Vec::new(), offsets: baked.clone(), ..self.clip.clone() };
         let command = compile_for(&bare, self.table)?;
-        let clip = &mut *self.clip;
-        let added = total(&baked, &clip.robot.joints, clip.length);
-        let mut keys: Vec<Key> = Vec::new();
-        for (i, is_baked) in changed(clip, &baked).into_iter().enumerate() {
-            let (key, fill) = (&clip.keys[i], clip.fill_after(&clip.keys[i]));
-            if !is_baked {
-                keys.push(key.clone());
-                continue;
-            }
-            let next = clip.keys.get(i + 1).map_or(clip.length, |k| k.frame);
-            let end = if fill == Fill::Mask { clip.hold_end(i) } else { next };
-            for frame in key.frame..end {
-                let own = clip.row(key).filter(|_| frame == key.frame && key.reach.is_empty());
-                let value = |j: usize| match own.and_then(|row| row[j]) {
-                    // A goal is rounded to single precision; what leads to it and away is not.
-                    Some(value) => value + added[frame as usize * clip.dim() + j],
-                    None => f64::from(command.row(frame)[j]),
-                };
-                let sees = |j| command.sees(frame, j).then(|| round(value(j)));
-                let row: Row = (0..clip.dim()).map(sees).collect();
-                match keys.last_mut() {
-                    // Two keys that share no joint have nothing between them.
-                    Some(last) if row.iter().all(Option::is_none) => last.fill = Some(Fill::Mask),
-                    Some(last) if last.frame >= key.frame && last.goal == Goal::Q(row.clone()) => {
-                        last.hold += 1;
-                    }
-                    _ => keys.push(Key::with(frame, Goal::Q(row)).filled(fill)),
-                }
-            }
-            if let Some(first) = keys.iter_mut().find(|k| k.frame == key.frame) {
-                first.note.clone_from(&key.note);
-                first.tangents.clone_from(&key.tangents);
-            }
-        }
-        if keys.len() > limits::CLIP_KEYS {
-            return argument(format!("this would be more than {} keys", limits::CLIP_KEYS));
-        }
-        let default = clip.fill;
-        for key in &mut keys {
-            key.fill = key.fill.filter(|own| *own != default);
-        }
-        clip.keys = keys;
-        Ok(())
+        let clip = &*self.clip;
+        let (added, dim) = (total(&baked, &clip.robot.joints, clip.length), clip.dim());
+        let chosen = changed(clip, &baked);
+        self.dense(&command, command.tracks(), chosen, |frame, joint, own| match own {
+            // A goal is rounded to single precision; what leads to it and away is not.
+            Some(value) => value + added[frame as usize * dim + joint],
+            None => f64::from(command.row(frame)[joint]),
+        })
     }
 }
 
-/// Whether baking these offsets changes each key, or the fill that leads from it to the next key.
+/// Whether these offsets change each key, or what it commands up to the next key.
 fn changed(clip: &Clip, offsets: &[Offset]) -> Vec<bool> {
     // The postures that end-effector goals are solved near depend on all keys.
     if clip.keys.iter().any(|k| !k.reach.is_empty()) {
@@ -124,19 +88,9 @@ fn changed(clip: &Clip, offsets: &[Offset]) -> Vec<bool> {
     let next = |i: usize| clip.keys.get(i + 1).map_or(clip.length, |k| k.frame);
     // What leads to the next key changes with the next key.
     let last = |i: usize| next(i) + u32::from(i + 1 < clip.keys.len());
-    let meets = |i: usize, key: &Key| {
+    let meets = |(i, key): (usize, &Key)| {
         let mut spans = offsets.iter().map(|o| o.span(clip.length));
         spans.any(|s| s.start < last(i) && s.end > key.frame)
     };
-    let mut changed: Vec<bool> =
-        clip.keys.iter().enumerate().map(|(i, key)| meets(i, key)).collect();
-    // The slope of a curve depends on the curves beside it.
-    let cubic: Vec<bool> = clip.keys.iter().map(|k| clip.fill_after(k) == Fill::Cubic).collect();
-    for i in 1..changed.len() {
-        changed[i] |= changed[i - 1] && cubic[i] && cubic[i - 1];
-    }
-    for i in (1..changed.len()).rev() {
-        changed[i - 1] |= changed[i] && cubic[i] && cubic[i - 1];
-    }
-    changed
+    clip.keys.iter().enumerate().map(meets).collect()
 }

@@ -6,10 +6,11 @@ import * as store from "../store";
 import { edit } from "../wire";
 import { type Action, clip, selected } from "./action";
 
-/** The frames that M and U act on now. */
-export function span(): (Span & { why: Why }) | undefined {
+/** The frames that M and U act on now, for all joints or for one. */
+export function span(joint?: string): (Span & { why: Why }) | undefined {
   const c = clip();
-  return c && acted(c, store.selection.value, store.range.value, store.playhead.value);
+  const own = joint === undefined ? undefined : c?.robot.joints.indexOf(joint);
+  return c && acted(c, store.selection.value, store.range.value, store.playhead.value, own);
 }
 
 export function setFill(fill: Fill): void {
@@ -59,7 +60,7 @@ export function needsJointMask(): string | undefined {
 
 /** Masks or unmasks joints of a row about the playhead, as M and U do. */
 export function toggleMask(joints: string[]): void {
-  const s = span();
+  const s = span(joints.length === 1 ? joints[0] : undefined);
   const c = clip();
   if (!s || !c || s.to <= s.from) return;
   const hidden = (j: string): boolean =>
@@ -74,7 +75,7 @@ export function toggleMask(joints: string[]): void {
 }
 
 export function maskSpan(masked: boolean, joint?: string): void {
-  const s = span();
+  const s = span(joint);
   if (!s) return store.toast("there are no frames between keys at the playhead");
   void edit("mask.set", { from: s.from, to: s.to, ...(joint ? { joints: [joint] } : {}), masked }).then(
     (ok) => {

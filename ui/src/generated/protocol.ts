@@ -136,7 +136,10 @@ export interface Camera {
  * which frames are left to the policy.
  */
 export interface Clip {
-  /** The fill after keys without their own: mask (nothing), linear, cubic or hold. */
+  /**
+   * The fill after keys without their own, up to the next key of each joint: mask (nothing), linear, cubic or
+   * hold.
+   */
   fill?: Fill;
   /** Name and major version of this format. */
   format: Format;
@@ -156,7 +159,7 @@ export interface Clip {
   notes?: string;
   /** Values that are added to the command of the keys, at most one offset per frame. */
   offsets?: Offset[];
-  /** Named poses: one value per joint, null leaves a joint open. */
+  /** Named poses: one value per joint, or null for a joint that the pose says nothing about. */
   poses?: Record<string, (number | null)[]>;
   /** The robot that the clip was made for. */
   robot: Robot;
@@ -598,25 +601,28 @@ export interface FilesQuery {
   root?: string;
 }
 
-/** The command between two keys. */
+/** The command after the hold of a key, up to the next key of each joint. */
 export type Fill =
   /** Nothing; the policy decides. The paper's keyframe mode. */
   | "mask"
-  /** The straight line to the next key. */
+  /** The straight line to the joint's next key. */
   | "linear"
   /**
-   * Monotone cubic to the next key (no overshoot, zero slope at holds and ends), unless a key
+   * Monotone cubic to the joint's next key (no overshoot, zero slope at holds and ends), unless a key
    * has a tangent.
    */
   | "cubic"
-  /** This key's value until the next key. */
+  /** This key's value until the joint's next key. */
   | "hold";
 
 /** Arguments of `fill.set`. */
 export interface FillSet {
   /** The fill; null = the clip's default (`mask` for the default itself). */
   fill?: Fill | null;
-  /** The keys after which the fill is set; absent = the clip's default. */
+  /**
+   * The keys after which the fill is set, for each of their joints up to its next key; absent = the clip's
+   * default.
+   */
   frames?: number[];
 }
 
@@ -972,11 +978,17 @@ export interface JointTable {
  * values, the robot stays near these.
  */
 export interface Key {
-  /** The fill up to the next key; the clip's `fill` when absent. */
+  /**
+   * The fill after the hold, for each joint up to the next key with a value for it; the clip's `fill` when
+   * absent.
+   */
   fill?: Fill;
   /** The frame of the key, from 0. */
   frame: number;
-  /** The number of frames for which the value is commanded; 1 when absent. */
+  /**
+   * The number of frames for which the values are commanded; 1 when absent. The next key with a value for a joint
+   * ends the hold of this joint.
+   */
   hold?: number;
   /** A remark. */
   note?: string;
@@ -1011,7 +1023,7 @@ export interface KeysFrames {
 export interface KeysHold {
   /** The frames of the keys. */
   frames: number[];
-  /** For how many frames, at least 1. */
+  /** For how many frames, at least 1; the next key with a value for a joint ends the hold of this joint. */
   hold: number;
 }
 
@@ -1061,7 +1073,7 @@ export interface KeysSet {
   fill?: Fill | null;
   /** The key's frame. */
   frame: number;
-  /** Hold, frames. */
+  /** Hold, frames; the next key with a value for a joint ends it for this joint. */
   hold?: number;
   /** Remark. */
   note?: string;
@@ -1071,7 +1083,7 @@ export interface KeysSet {
   q?: (number | null)[];
   /** All end-effector goals; an empty list removes them and keeps the joint values. */
   reach?: Reach[];
-  /** Single joints by name; null leaves a joint open. */
+  /** Single joints by name; null takes away the key's value for a joint. */
   values?: Record<string, number | null>;
 }
 
@@ -1975,7 +1987,10 @@ export interface Span {
   to: number;
 }
 
-/** The origin of the values of a run of frames. */
+/**
+ * The origin of the values of a run of frames: of those of a key that is held, otherwise of the joint with the
+ * strongest fill.
+ */
 export type SpanKind =
   /** A key and its hold. */
   | "key"
@@ -1983,7 +1998,7 @@ export type SpanKind =
   | "linear"
   /** A cubic between keys. */
   | "cubic"
-  /** A key's value kept to the next key. */
+  /** A key's value kept to the joint's next key. */
   | "hold"
   /** No goal, because nothing fills it. */
   | "open"

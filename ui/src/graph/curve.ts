@@ -1,11 +1,12 @@
 // One joint over time as the clip commands it: what `src/clip/compile.rs` makes of keys, fills and
 // offsets, for drawing. Masks are left out: a curve shows what would be commanded. Pure.
 
-import { type Clip, fillAfter, keyAt, keyEnd, values } from "../clip";
+import { type Clip, fillAfter, isOf, keyAt, keyEnd, values } from "../clip";
 import { addedAt } from "../layers";
+import type { Tangent } from "../protocol";
 
 export interface Stretch {
-  /** What leads from one key to the next. */
+  /** What leads from one key of the joint to the next. */
   kind: "masked" | "linear" | "cubic" | "hold" | "key";
   from: number;
   /** By frame from `from` on; a masked stretch has its two ends only. */
@@ -18,24 +19,32 @@ interface Node {
   frame: number;
   /** The last frame that it is held. */
   last: number;
-  value: number;
+  /** Undefined where only the program knows what end-effector goals lead to. */
+  value: number | undefined;
   fill: "mask" | "linear" | "cubic" | "hold";
+  tangent: Tangent | undefined;
 }
 
-/** The keys that have a goal for this joint, with the neighbours that the compiler would take. */
-function nodes(clip: Clip, joint: number): (Node | undefined)[] {
-  return clip.keys.map((key, i) => {
+/** The keys of this joint: a key says nothing about joints that it has no value for. */
+function nodes(clip: Clip, joint: number): Node[] {
+  const own = clip.keys.filter((key) => isOf(clip, key, joint));
+  const name = clip.robot.joints[joint] ?? "";
+  return own.map((key, i) => {
     const value = values(clip, key)[joint];
-    const next = clip.keys[i + 1]?.frame ?? clip.length;
-    if (typeof value !== "number") return undefined;
-    return { frame: key.frame, last: Math.min(keyEnd(key), next) - 1, value, fill: fillAfter(clip, key) };
+    return {
+      frame: key.frame,
+      last: Math.min(keyEnd(key), own[i + 1]?.frame ?? clip.length) - 1,
+      value: typeof value === "number" ? value : undefined,
+      fill: fillAfter(clip, key),
+      tangent: key.tangents?.[name],
+    };
   });
 }
 
 /** Automatic slope at node `i` per frame: Fritsch and Butland's between two cubics, else none. */
-function slope(all: (Node | undefined)[], i: number): number {
+function slope(all: Node[], i: number): number {
   const [before, here, after] = [all[i - 1], all[i], all[i + 1]];
-  if (!before || !here || !after) return 0;
+  if (before?.value === undefined || here?.value === undefined || after?.value === undefined) return 0;
   if (before.fill !== "cubic" || here.fill !== "cubic" || here.last !== here.frame) return 0;
   const [h0, h1] = [here.frame - before.last, after.frame - here.frame];
   const [d0, d1] = [(here.value - before.value) / h0, (after.value - here.value) / h1];
@@ -45,16 +54,8 @@ function slope(all: (Node | undefined)[], i: number): number {
 }
 
 /** Slope per frame on one side of node `i`; `line` is that of the straight line there. */
-function side(
-  clip: Clip,
-  joint: number,
-  all: (Node | undefined)[],
-  i: number,
-  at: "in" | "out",
-  line: number,
-): number {
-  const name = clip.robot.joints[joint];
-  const set = name === undefined ? undefined : clip.keys[i]?.tangents?.[name];
+function side(clip: Clip, all: Node[], i: number, at: "in" | "out", line: number): number {
+  const set = all[i]?.tangent;
   if (set === undefined) return slope(all, i);
   if (set === "flat") return 0;
   if (set === "linear") return line;
@@ -80,25 +81,24 @@ interface Passing {
 /** How curves pass the key at a frame; undefined where it has no goal for the joint. */
 export function passing(clip: Clip, joint: number, frame: number): Passing | undefined {
   const all = nodes(clip, joint);
-  const i = clip.keys.findIndex((k) => k.frame === frame);
+  const i = all.findIndex((n) => n.frame === frame);
   const here = all[i];
-  if (!here) return undefined;
-  const name = clip.robot.joints[joint] ?? "";
-  const tangent = clip.keys[i]?.tangents?.[name];
+  if (here?.value === undefined) return undefined;
+  const { tangent } = here;
   const made: Passing = {
     last: here.last,
     set: tangent !== undefined,
     smooth: tangent === undefined || tangent === "flat" || typeof tangent === "number",
   };
   const before = all[i - 1];
-  if (before?.fill === "cubic" && here.frame > before.last) {
+  if (before?.value !== undefined && before.fill === "cubic" && here.frame > before.last) {
     const width = here.frame - before.last;
-    made.in = { width, slope: side(clip, joint, all, i, "in", (here.value - before.value) / width) };
+    made.in = { width, slope: side(clip, all, i, "in", (here.value - before.value) / width) };
   }
   const next = all[i + 1];
-  if (here.fill === "cubic" && next && next.frame > here.last) {
+  if (here.fill === "cubic" && next?.value !== undefined && next.frame > here.last) {
     const width = next.frame - here.last;
-    made.out = { width, slope: side(clip, joint, all, i, "out", (next.value - here.value) / width) };
+    made.out = { width, slope: side(clip, all, i, "out", (next.value - here.value) / width) };
   }
   return made;
 }
@@ -122,38 +122,34 @@ export function bareStretches(clip: Clip, joint: number): Stretch[] {
   const all = nodes(clip, joint);
   const made: Stretch[] = [];
   all.forEach((n, i) => {
-    if (!n) return;
+    const { value } = n;
+    if (value === undefined) return;
+    const flat = (frames: number): number[] => new Array(frames + 1).fill(value);
     if (n.last > n.frame)
-      made.push({
-        kind: "key",
-        from: n.frame,
-        to: n.last,
-        values: new Array(n.last - n.frame + 1).fill(n.value),
-      });
+      made.push({ kind: "key", from: n.frame, to: n.last, values: flat(n.last - n.frame) });
     const next = all[i + 1];
-    const until = clip.keys[i + 1]?.frame ?? clip.length - 1;
+    const until = next?.frame ?? clip.length - 1;
     if (until <= n.last) return;
     const width = until - n.last;
-    if (n.fill === "hold" || (!clip.keys[i + 1] && n.fill !== "mask")) {
-      made.push({ kind: "hold", from: n.last, to: until, values: new Array(width + 1).fill(n.value) });
+    if (n.fill === "hold" || (!next && n.fill !== "mask")) {
+      made.push({ kind: "hold", from: n.last, to: until, values: flat(width) });
       return;
     }
-    if (!next) return;
+    const to = next?.value;
+    if (to === undefined) return;
     if (n.fill === "mask") {
-      made.push({ kind: "masked", from: n.last, to: until, values: [n.value, next.value] });
+      made.push({ kind: "masked", from: n.last, to: until, values: [value, to] });
       return;
     }
-    const line = (next.value - n.value) / width;
+    const line = (to - value) / width;
     const ends = (): [number, number] => [
-      side(clip, joint, all, i, "out", line) * width,
-      side(clip, joint, all, i + 1, "in", line) * width,
+      side(clip, all, i, "out", line) * width,
+      side(clip, all, i + 1, "in", line) * width,
     ];
     const [da, db] = n.fill === "cubic" ? ends() : [0, 0];
     const row = Array.from({ length: width + 1 }, (_, k) => {
       const s = k / width;
-      return n.fill === "cubic"
-        ? hermite(s, n.value, next.value, da, db)
-        : n.value + s * (next.value - n.value);
+      return n.fill === "cubic" ? hermite(s, value, to, da, db) : value + s * (to - value);
     });
     made.push({ kind: n.fill, from: n.last, to: until, values: row });
   });
@@ -172,7 +168,7 @@ export function steepest(s: Stretch): number {
 /** What the clip commands at a frame; undefined where it leaves the joint to the policy. */
 export function commandedAt(clip: Clip, joint: number, frame: number): number | undefined {
   const key = keyAt(clip, frame);
-  if (key) {
+  if (key && isOf(clip, key, joint)) {
     const value = values(clip, key)[joint];
     return typeof value === "number" ? value + addedAt(clip, joint, frame) : undefined;
   }

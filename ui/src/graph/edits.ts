@@ -2,7 +2,7 @@
 // seen joint by joint: both choose the same keys.
 
 import { effect, signal } from "@preact/signals";
-import { type Clip, fillAfter, keyAt, prevKey, values } from "../clip";
+import { type Clip, keyAt, values } from "../clip";
 import { together } from "../couplings";
 import { addedAt } from "../layers";
 import { isLocked } from "../locks";
@@ -155,10 +155,12 @@ export async function setTangent(tangent: Tangent | null): Promise<void> {
     const frames = acted.filter((p) => p.joint === joint).map((p) => p.frame);
     ops.push({ op: "tangent.set", args: { frames, joints: [name], tangent } });
   }
-  const curved = (frame: number): boolean =>
-    [keyAt(clip, frame), prevKey(clip, frame)].some((k) => k && fillAfter(clip, k) === "cubic");
+  const curved = (p: Point): boolean => {
+    const way = passing(clip, p.joint, p.frame);
+    return way?.in !== undefined || way?.out !== undefined;
+  };
   const at = [...new Set(acted.map((p) => p.frame))];
-  const frames = at.filter((frame) => !curved(frame));
+  const frames = [...new Set(acted.filter((p) => !curved(p)).map((p) => p.frame))];
   if (ops.length && tangent !== null && frames.length)
     ops.push({ op: "fill.set", args: { frames, fill: "cubic" } });
   const [first] = ops;

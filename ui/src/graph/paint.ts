@@ -1,6 +1,6 @@
 // Draws the graph: curves with their keys, how fast joints may move, where the policy's data lie.
 
-import type { Clip } from "../clip";
+import { type Clip, isOf } from "../clip";
 import { digitsOf, fixed } from "../numbers";
 import { playhead, ruler } from "../timeline/draw";
 import { ground } from "../timeline/ground";
@@ -134,7 +134,7 @@ function data(ctx: Ctx, s: Scene): void {
   ctx.setLineDash([]);
 }
 
-/** From the selected keys of the chosen joint: where the next key can lie. Green at the policy's usual speed, amber up to what the joint can do. */
+/** From the selected keys of the chosen joint: where its next key can lie. Green at the policy's usual speed, amber up to what the joint can do. */
 function cones(ctx: Ctx, s: Scene): void {
   const { chosen, theme, view, box, space, clip } = s;
   const fact = chosen === undefined ? undefined : space.facts[chosen];
@@ -147,7 +147,7 @@ function cones(ctx: Ctx, s: Scene): void {
       [p.frame, -1],
     ] as const) {
       // As far as the next key, or what is in sight.
-      const keys = clip.keys.map((k) => k.frame);
+      const keys = clip.keys.filter((k) => isOf(clip, k, chosen)).map((k) => k.frame);
       const next = way === 1 ? keys.find((f) => f > from) : keys.filter((f) => f < from).at(-1);
       const far = next ?? xToFrame(view, way === 1 ? box.width : LABELS);
       const wedge = (speed: number, color: string): void => {

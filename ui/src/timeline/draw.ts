@@ -18,7 +18,7 @@ import {
   tick,
   xToFrame,
 } from "./layout";
-import { bars, type Diamond, diamonds, type Mark, marks, ofPoint, ofRow } from "./marks";
+import { bars, type Diamond, diamonds, isPartial, type Mark, marks, ofPoint, ofRow } from "./marks";
 import type { Ctx, Scene, Theme, Times } from "./scene";
 import { sound } from "./sound";
 
@@ -59,15 +59,11 @@ export function draw(ctx: Ctx, s: Scene): void {
   ctx.beginPath();
   ctx.rect(LABELS, RULER + MARKERS, box.width - LABELS, box.height - RULER - MARKERS - STRIP);
   ctx.clip();
-  // Nearly every key has a goal for every joint: those are drawn once for all rows.
+  // Mostly every key has a goal for every joint: then they are drawn once for all rows.
   const list = marks(s.clip, view, box, s.dragged, s.selection);
   const ratio = ctx.getTransform().a || 1;
-  const common = ready(
-    s,
-    list.filter((m) => m.full),
-    ratio,
-  );
-  const open = list.filter((m) => !m.full);
+  const own = isPartial(s.clip) ? list : [];
+  const common = own.length ? undefined : ready(s, list, ratio);
   s.rows.forEach((row, i) => {
     const y = rowToY(view, i);
     if (y <= -ROW || y >= box.height) return;
@@ -76,7 +72,7 @@ export function draw(ctx: Ctx, s: Scene): void {
       ctx.fillStyle = `${theme.rule}40`;
       ctx.fillRect(LABELS, y, box.width, ROW - 1);
       ink(ctx, theme, ofPoint(list, row.name), y + ROW / 2, ratio, "point");
-    } else bar(ctx, s, row, y, common, open, ratio);
+    } else bar(ctx, s, row, y, common, own, ratio);
   });
   ctx.restore();
   strip(ctx, s);
@@ -251,7 +247,7 @@ function bar(
   row: RowKind,
   y: number,
   common: HTMLCanvasElement | undefined,
-  open: Mark[],
+  own: Mark[],
   ratio: number,
 ): void {
   const { clip, view, theme } = s;
@@ -265,7 +261,10 @@ function bar(
   const joints = row.kind === "joint" ? [row.joint] : row.kind === "group" ? row.group.joints : undefined;
   if (common)
     ctx.drawImage(common, 0, Math.round(y * ratio) / ratio, common.width / ratio, common.height / ratio);
-  if (open.length) ink(ctx, theme, ofRow(open, joints), y + ROW / 2, ratio);
+  if (own.length) {
+    const shape = s.dense ? "dense" : "pose";
+    ink(ctx, theme, ofRow(own, joints, s.box.width + 8), y + ROW / 2, ratio, shape);
+  }
   for (const mask of clip.masks ?? []) {
     const all = !mask.joints;
     const hits = all || !joints || joints.some((j) => mask.joints?.includes(clip.robot.joints[j] ?? ""));

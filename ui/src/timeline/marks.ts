@@ -15,6 +15,9 @@ export interface Mark {
   x: number;
   hold: number;
   until: number | undefined;
+  /** Of the end of the clip, and the same where the value is kept until then; pixels. */
+  end: number;
+  kept: number | undefined;
   fill: Fill;
   /** For more than one frame: a bar. */
   held: boolean;
@@ -32,7 +35,8 @@ export interface Mark {
 /** Diamonds nearer than this, pixels, are one. */
 const APART = 1.25;
 
-/** The keys that are in sight, or whose bars are. */
+/** The keys that are in sight, or whose bars are. If some are for some joints only, all keys: each joint has its
+ * own next key. */
 export function marks(
   clip: Clip,
   view: View,
@@ -43,39 +47,57 @@ export function marks(
   const list: Mark[] = [];
   const { keys } = clip;
   const place = (frame: number): number => dragged.get(frame) ?? frame;
+  const every = dragged.size > 0 || isPartial(clip);
   // Without a drag keys are in order: begin at the first whose bar can reach into sight.
-  let i = dragged.size ? 0 : Math.max(0, firstAt(keys, view.left) - 1);
+  let i = every ? 0 : Math.max(0, firstAt(keys, view.left) - 1);
   const last = view.left + (box.width - LABELS) / view.zoom + 8 / view.zoom;
+  const end = frameToX(view, clip.length);
   for (; i < keys.length; i++) {
     const key = keys[i];
     if (!key) break;
     const at = place(key.frame);
-    if (at > last) {
+    if (at > last && !isPartial(clip)) {
       if (dragged.size) continue;
       break;
     }
     const next = keys[i + 1];
-    const x = frameToX(view, at);
-    const hold = frameToX(view, keyEnd(key) + at - key.frame);
-    const until = next && frameToX(view, place(next.frame));
-    if (Math.max(x + 8, hold, until ?? 0) < LABELS) continue;
+    const fill = fillAfter(clip, key);
     const row = values(clip, key);
-    const full = row.length > 0 && !row.includes(null);
-    list.push({
+    const full = isFull(row);
+    const mark: Mark = {
       frame: key.frame,
-      x,
-      hold,
-      until,
-      fill: fillAfter(clip, key),
+      x: frameToX(view, at),
+      hold: frameToX(view, keyEnd(key) + at - key.frame),
+      until: next && frameToX(view, place(next.frame)),
+      end,
+      kept: !next && fill !== "mask" ? end : undefined,
+      fill,
       held: (key.hold ?? 1) > 1,
       selected: selection.has(key.frame),
       full,
       points: key.reach?.map(pointOf) ?? [],
       row,
       whole: full,
-    });
+    };
+    if (isPartial(clip) || isSeen(mark)) list.push(mark);
   }
   return list;
+}
+
+const isFull = (row: (number | null)[]): boolean => row.length > 0 && !row.includes(null);
+
+/** Whether a key or its bars reach to the right of the names. */
+const isSeen = (m: Mark): boolean => Math.max(m.x + 8, m.hold, m.until ?? 0, m.kept ?? 0) >= LABELS;
+
+const partial = new WeakMap<Clip, boolean>();
+
+/** Whether some key is for some joints only. A clip is never changed, so it is looked through once. */
+export function isPartial(clip: Clip): boolean {
+  const known = partial.get(clip);
+  if (known !== undefined) return known;
+  const is = clip.keys.some((key) => !isFull(values(clip, key)));
+  partial.set(clip, is);
+  return is;
 }
 
 /** Index of the first key at or after a frame. */
@@ -89,17 +111,44 @@ function firstAt(keys: { frame: number }[], frame: number): number {
   return lo;
 }
 
-/** Of keys with open joints those that have a goal in this row. */
-export function ofRow(list: Mark[], joints: number[] | undefined): Mark[] {
-  return list.flatMap((m) => {
-    const there = joints ? joints.filter((j) => typeof m.row[j] === "number").length : 1;
-    return there === 0 ? [] : [{ ...m, whole: joints !== undefined && there === joints.length }];
-  });
+/** The keys that have a goal in this row, as far as `right`, pixels. Holds and fills go as far as the row's joints
+ * go that have no key of their own before. `list` has all keys. */
+export function ofRow(list: Mark[], joints: number[] | undefined, right = Infinity): Mark[] {
+  const dim = list.reduce((most, m) => Math.max(most, m.row.length), 0);
+  const row = joints ?? Array.from({ length: dim }, (_, j) => j);
+  /** Where the next key of each joint is. */
+  const next = new Map<number, number>();
+  const made: Mark[] = [];
+  for (const m of [...list].reverse()) {
+    const own = row.filter((j) => typeof m.row[j] === "number");
+    const ends = own.map((j) => next.get(j));
+    // What end-effector goals lead to is a value, too.
+    for (const j of m.points.length ? row : own) next.set(j, m.x);
+    if (m.x > right || (own.length === 0 && joints)) continue;
+    const after = ends.filter((x) => x !== undefined);
+    const mark: Mark = own.length
+      ? {
+          ...m,
+          hold: Math.max(m.x, ...ends.map((x) => Math.min(m.hold, x ?? m.hold))),
+          until: after.length ? Math.max(...after) : undefined,
+          kept: after.length < ends.length && m.fill !== "mask" ? m.end : undefined,
+          whole: joints !== undefined && own.length === joints.length,
+        }
+      : { ...m, whole: false };
+    if (isSeen(mark)) made.push(mark);
+  }
+  return made.reverse();
 }
 
-/** Of keys with end-effector goals those that place this point. */
+/** The keys that place this point; a key for some joints only is taken for one that does not move it. */
 export function ofPoint(list: Mark[], name: string): Mark[] {
-  return list.filter((m) => m.points.includes(name)).map((m) => ({ ...m, whole: true }));
+  let next: Mark | undefined;
+  const made: Mark[] = [];
+  for (const m of [...list].reverse()) {
+    if (m.points.includes(name)) made.push({ ...m, until: next?.x, whole: true });
+    if (m.points.length || m.full) next = m;
+  }
+  return made.reverse();
 }
 
 export interface Bar {
@@ -125,6 +174,7 @@ export function bars(list: Mark[]): Bar[] {
     if (m.until !== undefined && m.until > m.hold) {
       add(m.fill === "hold" ? "held" : m.fill === "mask" ? "masked" : m.fill, m.hold, m.until);
     }
+    if (m.kept !== undefined && m.kept > m.hold) add("held", m.hold, m.kept);
     if (m.held) add("hold", m.x, m.hold);
   }
   return made;

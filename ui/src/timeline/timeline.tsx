@@ -6,7 +6,7 @@ import { act, blockItems, markerItems, offsetItems, startItems } from "../action
 import { tellReplaced } from "../actions/keys";
 import { orderBlocks } from "../actions/layers";
 import { chosenJoint, noJointMask, setFill, toggleMask } from "../actions/masks";
-import { fillAfter, keyAt, nextKey, prevKey, values } from "../clip";
+import { fillAfter, keyAt, keyEnd, nextKey, prevKey, values } from "../clip";
 import { openDialog } from "../dialog";
 import { toggleGroup } from "../folds";
 import { isDense, offsetAt } from "../layers";
@@ -417,22 +417,20 @@ export function cellText(d: store.Document, row: RowKind | undefined, frame: num
     return `${name}, frame ${frame}, ${o ? `offset of ${Object.keys(o.add).join(", ")}` : "none"}`;
   }
   const key = keyAt(d.clip, frame);
-  const unit = row?.kind === "joint" ? (store.doc.value?.table.joints[row.joint]?.unit ?? "rad") : undefined;
-  if (key) {
-    const value = row?.kind === "joint" ? values(d.clip, key)[row.joint] : undefined;
-    const says =
-      row?.kind !== "joint"
-        ? (key.pose ?? "")
-        : value === null || value === undefined
-          ? "no goal"
-          : store.shown(value, unit ?? "rad");
+  const joint = row?.kind === "joint" ? row.joint : undefined;
+  const value = key && joint !== undefined ? values(d.clip, key)[joint] : undefined;
+  if (key && (joint === undefined || typeof value === "number")) {
+    const unit = store.doc.value?.table.joints[joint ?? -1]?.unit ?? "rad";
+    const says = typeof value === "number" ? store.shown(value, unit) : (key.pose ?? "");
     const hold = (key.hold ?? 1) > 1 ? `, held ${key.hold} frames` : "";
     return `${name}, frame ${frame}, key, ${says}${hold}`;
   }
-  const before = prevKey(d.clip, frame);
-  const after = nextKey(d.clip, frame);
+  // A key for other joints says nothing about this one.
+  const before = prevKey(d.clip, frame, joint);
+  const after = nextKey(d.clip, frame, joint);
   const fill = before ? fillAfter(d.clip, before) : "mask";
-  const way = !before || !after || fill === "mask" ? "no goal" : fill;
+  const held = before !== undefined && frame < keyEnd(before);
+  const way = held ? "held" : fill === "mask" ? "no goal" : after ? fill : "hold";
   return `${name}, frame ${frame}, ${way}`;
 }
 

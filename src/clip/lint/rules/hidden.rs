@@ -1,109 +1,90 @@
-//! Rule: masks and other keys hide no key and cut no hold short.
+//! Rule: masks hide no key, and keys cut no hold short.
 
-use crate::command::Sight;
-use crate::document::Fill;
 use crate::lint::finder::{Finder, some_of};
 use crate::lint::finding::{Fix, Level, Lint, Rule};
 use crate::op::{KeysHold, MaskSet, Op};
 
 impl Finder<'_> {
     pub(in crate::lint) fn hidden(&mut self) {
-        let clip = self.clip;
-        let mut lints = Vec::new();
-        for (i, key) in clip.keys.iter().enumerate() {
-            let end = clip.hold_end(i);
-            let frames = Some([key.frame, end]);
-            if (key.frame..end).all(|t| self.command.sight(t) == Sight::Masked) {
-                let set = MaskSet { from: key.frame, to: end, joints: None, masked: false };
-                lints.push(Lint {
-                    level: Level::Info,
-                    rule: Rule::Hidden,
-                    message: format!("the key at frame {} is hidden by a mask", key.frame),
-                    frames,
-                    joints: Vec::new(),
-                    pointer: format!("/keys/{i}"),
-                    fixes: vec![Fix { title: "Unmask the key".to_owned(), op: Op::MaskSet(set) }],
-                    settled: None,
-                });
-            }
-            let held = end - key.frame;
-            if held < key.hold {
-                let op = Op::KeysHold(KeysHold { frames: vec![key.frame], hold: held });
-                lints.push(Lint {
-                    level: Level::Info,
-                    rule: Rule::Hidden,
-                    message: format!(
-                        "the hold of {} frames at frame {} ends after {held}, {}",
-                        key.hold,
-                        key.frame,
-                        self.end_of_hold(i)
-                    ),
-                    frames,
-                    joints: Vec::new(),
-                    pointer: format!("/keys/{i}/hold"),
-                    fixes: vec![Fix { title: format!("Hold {held} frames"), op }],
-                    settled: None,
-                });
-            }
-        }
-        lints.extend((0..clip.keys.len()).filter_map(|i| self.left_out(i)));
-        for lint in lints {
-            self.push(lint);
+        for i in 0..self.clip.keys.len() {
+            let lints = [self.masked(i), self.cut_short(i)];
+            lints.into_iter().flatten().for_each(|lint| self.push(lint));
         }
     }
 
-    /// What ends the hold of key `i` early.
-    fn end_of_hold(&self, i: usize) -> String {
-        let Some(next) = self.clip.keys.get(i + 1) else { return "at the end of the clip".into() };
-        let joints = self.only_before(i);
-        let rest = if joints.is_empty() {
-            String::new()
-        } else {
-            format!(
-                ", although that key has no value for {}: a key ends the hold of all joints",
-                some_of(&joints)
-            )
-        };
-        format!("at the key at frame {}{rest}", next.frame)
+    /// The joints that key `i` has a value for, and the first frame at which each is no longer held.
+    fn holds(&self, i: usize) -> impl Iterator<Item = (usize, u32)> + '_ {
+        let (clip, tracks) = (self.clip, self.command.tracks());
+        let row = self.command.key_row(i).or_else(|| clip.row(clip.keys.get(i)?));
+        let own = row.into_iter().flatten().enumerate().filter(|(_, value)| value.is_some());
+        own.map(move |(j, _)| (j, tracks.hold_end(clip, i, j)))
     }
 
-    /// The finding that the fill after key `i` leaves joints out that have goals before and after.
-    fn left_out(&self, i: usize) -> Option<Lint> {
-        let clip = self.clip;
-        let (key, next) = (clip.keys.get(i)?, clip.keys.get(i + 1)?);
-        let joints = match clip.fill_after(key) {
-            Fill::Mask | Fill::Hold => return None,
-            Fill::Linear | Fill::Cubic => self.only_before(i),
-        };
-        let (from, to) = (clip.hold_end(i), next.frame);
-        (from < to && !joints.is_empty()).then(|| Lint {
+    /// The finding that no value of key `i` is seen.
+    fn masked(&self, i: usize) -> Option<Lint> {
+        let key = self.clip.keys.get(i)?;
+        let sees = |(j, end): (usize, u32)| (key.frame..end).any(|t| self.command.sees(t, j));
+        if self.holds(i).any(sees) {
+            return None;
+        }
+        let end = self.clip.hold_end(i);
+        let set = MaskSet { from: key.frame, to: end, joints: None, masked: false };
+        Some(Lint {
             level: Level::Info,
             rule: Rule::Hidden,
-            message: format!(
-                "the fill after frame {} leaves out {}: a line or curve needs values in both keys, and the one at frame {to} has none",
-                from - 1,
-                some_of(&joints)
-            ),
-            frames: Some([from, to]),
-            joints,
+            message: format!("the key at frame {} is hidden by a mask", key.frame),
+            frames: Some([key.frame, end]),
+            joints: Vec::new(),
             pointer: format!("/keys/{i}"),
-            fixes: Vec::new(),
+            fixes: vec![Fix { title: "Unmask the key".to_owned(), op: Op::MaskSet(set) }],
             settled: None,
         })
     }
 
-    /// The joints with a value in key `i` and in a later one, but not in the next.
-    fn only_before(&self, i: usize) -> Vec<String> {
-        let clip = self.clip;
-        let (Some(end), Some(next)) = (clip.hold_end(i).checked_sub(1), clip.keys.get(i + 1))
-        else {
-            return Vec::new();
+    /// The finding that the hold of key `i` ends early, for all of its joints or for some.
+    fn cut_short(&self, i: usize) -> Option<Lint> {
+        let (clip, key) = (self.clip, self.clip.keys.get(i)?);
+        // Nearly every key is of one frame.
+        if key.hold <= 1 {
+            return None;
+        }
+        let ends: Vec<(usize, u32)> = self.holds(i).collect();
+        let is_cut = |end: u32| end - key.frame < key.hold;
+        let first = ends.iter().map(|e| e.1).min().filter(|end| is_cut(*end))?;
+        let last = ends.iter().map(|e| e.1).max()?;
+        let cut = ends.iter().filter(|(_, end)| is_cut(*end));
+        let joints: Vec<String> = cut.map(|(j, _)| clip.robot.joints[*j].clone()).collect();
+        let (hold, frame) = (key.hold, key.frame);
+        let at = |end: u32| match clip.key(end) {
+            Some(_) => format!("at the key at frame {end}"),
+            None => "at the end of the clip".to_owned(),
         };
-        let lacks = |j: &usize| {
-            self.command.sees(end, *j)
-                && !self.command.sees(next.frame, *j)
-                && self.command.next_goal(next.frame, *j).is_some()
+        let (message, joints, fixes) = if is_cut(last) {
+            let held = last - frame;
+            let op = Op::KeysHold(KeysHold { frames: vec![frame], hold: held });
+            let fix = Fix { title: format!("Hold {held} frames"), op };
+            let message = format!(
+                "the hold of {hold} frames at frame {frame} ends after {held}, {}",
+                at(last)
+            );
+            (message, Vec::new(), vec![fix])
+        } else {
+            let message = format!(
+                "the hold of {hold} frames at frame {frame} ends earlier for {}, {}",
+                some_of(&joints),
+                at(first)
+            );
+            (message, joints, Vec::new())
         };
-        (0..clip.dim()).filter(lacks).filter_map(|j| clip.robot.joints.get(j).cloned()).collect()
+        Some(Lint {
+            level: Level::Info,
+            rule: Rule::Hidden,
+            message,
+            frames: Some([frame, if is_cut(last) { last } else { first }]),
+            joints,
+            pointer: format!("/keys/{i}/hold"),
+            fixes,
+            settled: None,
+        })
     }
 }

@@ -108,11 +108,8 @@ impl Finder<'_> {
     fn held(&self, place: &Place<'_>) -> Vec<[u32; 2]> {
         let keys = &self.clip.keys;
         let of = |frame: &u32| keys.binary_search_by_key(frame, |k| k.frame).ok();
-        let spans = place.frames.iter().filter_map(of).map(|i| {
-            let key = &keys[i];
-            [key.frame, key.frame + key.hold.max(1)]
-        });
-        spans.collect()
+        let spans = place.frames.iter().filter_map(of);
+        spans.map(|i| [keys[i].frame, self.clip.hold_end(i)]).collect()
     }
 }
 

@@ -1,8 +1,7 @@
 //! Rule: the time between two goals suffices for the speed of the joints.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
-use crate::command::SpanKind;
 use crate::document::{Fill, Key};
 use crate::lint::finder::{Finder, some_of};
 use crate::lint::finding::{Fix, Level, Lint, Rule};
@@ -87,23 +86,20 @@ impl Finder<'_> {
             joints.push(name.clone());
         }
         // The length of the interval between the keys around the run scales the speed.
-        let keys = &self.clip.keys;
-        let next = keys.partition_point(|k| k.frame < to);
-        let index = keys.partition_point(|k| k.frame <= from).saturating_sub(1);
-        let ratio = ratio * self.between_samples(from, to);
+        let ratio = ratio * self.between_samples(from, to, runs);
         if let Some(jump) = self.jump(to, runs, ratio) {
             return self.too_fast(from, to, joints, &words, vec![jump]);
         }
-        let mut fixes = Vec::from_iter(self.automatic(index, &joints));
+        let mut fixes = Vec::from_iter(self.automatic(from, to, runs, &joints));
         fixes.extend(self.softer(from, to, &joints, ratio));
-        // The way to the first key begins at the start of the clip, and has no key before it.
-        let key = keys.get(index).filter(|k| k.frame <= from);
-        // A typed slope stays as steep in a longer interval, and so does an offset.
-        if let (Some(after), true) = (keys.get(next), fixes.is_empty())
-            && next == key.map_or(0, |_| index + 1)
-        {
-            let begin =
-                key.map_or(0, |key| self.clip.hold_end(index).saturating_sub(1).max(key.frame));
+        // The way to the first key begins at the start of the clip, and has no key before it. A typed slope
+        // stays as steep in a longer interval, and so does an offset.
+        let mut ways = runs.iter().map(|run| self.way(from, to, run.joint));
+        let way = ways.next().flatten().filter(|way| ways.all(|other| other == Some(*way)));
+        if let (Some((before, next)), true) = (way, fixes.is_empty()) {
+            let keys = &self.clip.keys;
+            let (key, after) = (before.map(|(i, _)| &keys[i]), &keys[next]);
+            let begin = before.map_or(0, |(_, last)| last);
             let have = after.frame - begin;
             // A held value jumps over one frame; only a line can be slower.
             let jumps = key.is_some_and(|key| self.clip.fill_after(key) == Fill::Hold);
@@ -135,7 +131,7 @@ impl Finder<'_> {
             }
         }
         if slowest {
-            fixes.extend(self.slow_down(from, to, ratio));
+            fixes.extend(self.slow_down(from, to, runs, ratio));
         }
         self.too_fast(from, to, joints, &words, fixes)
     }
@@ -178,13 +174,56 @@ impl Finder<'_> {
             .then(|| Fix { title: format!("Allow {} before frame 0", more(frames)), op })
     }
 
-    /// The edit that makes typed slopes of these joints automatic, in the interval after key
-    /// `index`.
-    fn automatic(&self, index: usize, joints: &[String]) -> Option<Fix> {
-        let ends = self.clip.keys.iter().skip(index).take(2);
-        let typed =
-            |k: &&Key| joints.iter().filter_map(|j| k.tangents.get(j)).any(|t| t.typed().is_some());
-        let frames: Vec<u32> = ends.filter(typed).map(|k| k.frame).collect();
+    /// The last key of a joint up to frame `from`.
+    fn key_up_to(&self, from: u32, joint: usize) -> Option<usize> {
+        let keys = &self.clip.keys;
+        self.command.tracks().last(keys.partition_point(|k| k.frame <= from).checked_sub(1)?, joint)
+    }
+
+    /// The interval of a joint's track within which the frames `from..=to` lie: the key where it begins, if it is
+    /// not the start of the clip, with the last frame of its hold, and the key where it ends.
+    fn way(&self, from: u32, to: u32, joint: usize) -> Option<(Option<(usize, u32)>, usize)> {
+        let (clip, tracks) = (self.clip, self.command.tracks());
+        let before = self.key_up_to(from, joint);
+        let next = match before {
+            Some(i) => tracks.next(i, joint)?,
+            None => (0..clip.keys.len()).find(|i| tracks.has(*i, joint))?,
+        };
+        let last = |i: usize| tracks.hold_end(clip, i, joint).saturating_sub(1);
+        let before = before.map(|i| (i, last(i).max(clip.keys[i].frame)));
+        (clip.keys[next].frame >= to).then_some((before, next))
+    }
+
+    /// The intervals between the keys of a joint that have a part in the frames `from..=to`: the last frame of
+    /// each hold, and the indices of both keys.
+    fn intervals(
+        &self,
+        from: u32,
+        to: u32,
+        joint: usize,
+    ) -> impl Iterator<Item = (u32, usize, usize)> {
+        let (clip, tracks) = (self.clip, self.command.tracks());
+        let first = self.key_up_to(from, joint).or_else(|| {
+            Some(0).filter(|i| tracks.has(*i, joint)).or_else(|| tracks.next(0, joint))
+        });
+        let all = std::iter::successors(first, move |i| tracks.next(*i, joint));
+        let pairs = all.filter_map(move |i| {
+            let last = tracks.hold_end(clip, i, joint).saturating_sub(1);
+            Some((last.max(clip.keys[i].frame), i, tracks.next(i, joint)?))
+        });
+        pairs.take_while(move |(last, ..)| *last < to)
+    }
+
+    /// The edit that makes typed slopes of these joints automatic, in the interval in which each is too fast.
+    fn automatic(&self, from: u32, to: u32, runs: &[Run], joints: &[String]) -> Option<Fix> {
+        let mut frames = BTreeSet::new();
+        for (run, joint) in runs.iter().zip(joints) {
+            let Some((_, i, next)) = self.intervals(from, to, run.joint).next() else { continue };
+            let typed = |k: &&Key| k.tangents.get(joint).is_some_and(|t| t.typed().is_some());
+            let ends = [i, next].map(|k| &self.clip.keys[k]);
+            frames.extend(ends.into_iter().filter(typed).map(|k| k.frame));
+        }
+        let frames: Vec<u32> = frames.into_iter().collect();
         let set = TangentSet { frames, joints: Some(joints.to_vec()), tangent: None };
         let title = "Make these slopes automatic".to_owned();
         (!set.frames.is_empty()).then_some(Fix { title, op: Op::TangentSet(set) })
@@ -192,26 +231,26 @@ impl Finder<'_> {
 
     /// The factor by which a cubic may be faster between frames than at frames. Over L frames at
     /// least 1 - (4/3)/L^2 of its peak speed is seen.
-    fn between_samples(&self, from: u32, to: u32) -> f64 {
-        let spans = self.command.spans();
-        let first = spans.partition_point(|s| s.to <= from);
-        let near = spans.iter().skip(first).take_while(|s| s.from <= to);
-        let cubic = near.filter(|s| s.kind == SpanKind::Cubic);
-        let shortest = cubic.map(|s| s.to - s.from + 1).min();
-        shortest.map_or(1.0, |l| 1.0 / (1.0 - 4.0 / 3.0 / f64::from(l * l)).max(2.0 / 3.0))
+    fn between_samples(&self, from: u32, to: u32, runs: &[Run]) -> f64 {
+        let keys = &self.clip.keys;
+        let near = runs.iter().flat_map(|run| self.intervals(from, to, run.joint));
+        let cubic = near.filter(|(_, i, _)| self.clip.fill_after(&keys[*i]) == Fill::Cubic);
+        let frames = cubic.map(|(last, _, next)| keys[next].frame - last).filter(|l| *l > 1);
+        frames.min().map_or(1.0, |l| 1.0 / (1.0 - 4.0 / 3.0 / f64::from(l * l)).max(2.0 / 3.0))
     }
 
     /// Slows everything down by the smallest factor that is enough after rounding to frames.
-    fn slow_down(&self, from: u32, to: u32, ratio: f64) -> Option<Fix> {
+    fn slow_down(&self, from: u32, to: u32, runs: &[Run], ratio: f64) -> Option<Fix> {
         let clip = self.clip;
         let scaled = |frames: u32, factor: f64| (f64::from(frames) * factor).round();
         let way = clip.keys.first().filter(|k| from == 0 && k.frame > 0).map_or(0, |k| k.frame);
+        let near: BTreeSet<(u32, usize, usize)> =
+            runs.iter().flat_map(|run| self.intervals(from, to, run.joint)).collect();
         let enough = |factor: &f64| {
             scaled(way, *factor) >= f64::from(way) * ratio - 1e-6
-                && clip.keys.windows(2).enumerate().all(|(i, pair)| {
-                    let [key, next] = pair else { return true };
-                    let last = clip.hold_end(i).saturating_sub(1).max(key.frame);
-                    if next.frame <= from || last >= to {
+                && near.iter().all(|&(last, i, next)| {
+                    let (key, next) = (&clip.keys[i], &clip.keys[next]);
+                    if next.frame <= from {
                         return true;
                     }
                     if clip.fill_after(key) == Fill::Hold {

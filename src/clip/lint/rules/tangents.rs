@@ -23,23 +23,31 @@ impl Finder<'_> {
         }
     }
 
-    /// Whether a cubic curve begins at key `i` and ends at the next.
-    fn is_cubic(&self, i: usize) -> bool {
-        let keys = &self.clip.keys;
-        i + 1 < keys.len() && keys.get(i).is_some_and(|k| self.clip.fill_after(k) == Fill::Cubic)
+    /// The key at which the curve of a joint ends that begins at key `i`.
+    fn curve_to(&self, i: usize, joint: usize) -> Option<usize> {
+        let (tracks, is_cubic) =
+            (self.command.tracks(), |k| self.clip.fill_after(k) == Fill::Cubic);
+        self.clip.keys.get(i).filter(|k| is_cubic(k) && tracks.has(i, joint))?;
+        tracks.next(i, joint)
+    }
+
+    /// Whether a curve of a joint ends at key `i`, and whether one begins there.
+    fn curves(&self, i: usize, joint: usize) -> (bool, bool) {
+        let before = self.command.tracks().before(i, joint);
+        let ends = before.is_some_and(|b| self.curve_to(b, joint) == Some(i));
+        (ends, self.curve_to(i, joint).is_some())
     }
 
     /// Slopes that are faster than their joints, or that shape no curve.
     fn slopes(&mut self, i: usize) {
-        let Some(key) = self.clip.keys.get(i).filter(|k| !k.tangents.is_empty()) else { return };
-        let (before, after) =
-            (i.checked_sub(1).is_some_and(|b| self.is_cubic(b)), self.is_cubic(i));
-        if !before && !after {
-            self.without_curve(i, key);
-            return;
-        }
-        let mut fast = Offenders::default();
+        let Some(key) = self.clip.keys.get(i) else { return };
+        let (mut fast, mut idle) = (Offenders::default(), Vec::new());
         for (joint, tangent) in &key.tangents {
+            let Some(j) = self.clip.joint(joint) else { continue };
+            let (before, after) = self.curves(i, j);
+            if !before && !after {
+                idle.push(j);
+            }
             let (Some([arriving, leaving]), Some(fact)) =
                 (tangent.typed(), self.table.joint(joint))
             else {
@@ -49,7 +57,8 @@ impl Finder<'_> {
             let slope = match (before, after) {
                 (true, true) => arriving.abs().max(leaving.abs()),
                 (true, false) => arriving.abs(),
-                _ => leaving.abs(),
+                (false, true) => leaving.abs(),
+                (false, false) => continue,
             };
             if slope > max * (1.0 + 1e-6) {
                 let unit = fact.unit.symbol();
@@ -64,6 +73,7 @@ impl Finder<'_> {
                 ));
             }
         }
+        self.without_curve(i, key, &idle);
         let Some(first) = fast.joints.first().cloned() else { return };
         self.add(
             Level::Warning,
@@ -76,47 +86,61 @@ impl Finder<'_> {
         );
     }
 
-    fn without_curve(&mut self, i: usize, key: &Key) {
+    /// Tangents of key `i` for joints of which no curve begins or ends there.
+    fn without_curve(&mut self, i: usize, key: &Key, idle: &[usize]) {
+        if idle.is_empty() {
+            return;
+        }
+        let joints: Vec<String> = idle.iter().map(|j| self.clip.robot.joints[*j].clone()).collect();
+        let of = if joints.len() < key.tangents.len() {
+            format!(" of {}", some_of(&joints))
+        } else {
+            String::new()
+        };
         let frames = vec![key.frame];
         let mut fixes = Vec::new();
-        if i + 1 < self.clip.keys.len() {
+        let tracks = self.command.tracks();
+        if idle.iter().all(|j| tracks.has(i, *j) && tracks.next(i, *j).is_some()) {
             let fill = FillSet { frames: Some(frames.clone()), fill: Some(Fill::Cubic) };
             fixes.push(Fix { title: "Fill with a cubic curve".to_owned(), op: Op::FillSet(fill) });
         }
-        let none = TangentSet { frames, joints: None, tangent: None };
+        let none = TangentSet { frames, joints: Some(joints.clone()), tangent: None };
         fixes.push(Fix { title: "Remove the tangents".to_owned(), op: Op::TangentSet(none) });
         self.add(
             Level::Info,
             Rule::Hidden,
             format!(
-                "the tangents at frame {} have no effect: no cubic curve begins or ends there",
+                "the tangents{of} at frame {} have no effect: no cubic curve begins or ends there",
                 key.frame
             ),
             [key.frame, key.frame + 1],
             format!("/keys/{i}/tangents"),
             fixes,
-            key.tangents.keys().cloned().collect(),
+            joints,
         );
     }
 
-    /// A curve with set slopes that leaves a joint's range between its keys.
+    /// Curves with set slopes that leave the range of their joint after key `i`.
     fn overshoot(&mut self, i: usize) {
         let keys = &self.clip.keys;
-        let (Some(key), Some(next), true) = (keys.get(i), keys.get(i + 1), self.is_cubic(i)) else {
+        let Some(key) = keys.get(i).filter(|k| self.clip.fill_after(k) == Fill::Cubic) else {
             return;
         };
-        let mut out = Offenders::default();
+        let (mut out, mut last) = (Offenders::default(), key.frame);
         for (j, joint) in self.clip.robot.joints.iter().enumerate() {
+            let Some(next) = self.curve_to(i, j).and_then(|n| keys.get(n)) else { continue };
             let shaped = [key, next].into_iter().filter(|k| k.tangents.contains_key(joint));
             let shaped: Vec<u32> = shaped.map(|k| k.frame).collect();
             let Some(fact) = self.table.joint(joint).filter(|_| !shaped.is_empty()) else {
                 continue;
             };
-            if let Some((v, [lo, hi])) = self.farthest(self.clip.hold_end(i)..next.frame, j, fact) {
+            let end = self.command.tracks().hold_end(self.clip, i, j);
+            if let Some((v, [lo, hi])) = self.farthest(end..next.frame, j, fact) {
                 let unit = fact.unit.symbol();
                 out.words.push(format!("{joint} {v:.3} is outside {lo}..{hi} {unit}"));
                 out.joints.push(joint.clone());
                 out.ops.push(set(&shaped, joint, None));
+                last = last.max(next.frame);
             }
         }
         if out.joints.is_empty() {
@@ -126,7 +150,7 @@ impl Finder<'_> {
             Level::Error,
             Rule::JointLimit,
             format!("the curve after frame {} overshoots: {}", key.frame, some_of(&out.words)),
-            [key.frame, next.frame + 1],
+            [key.frame, last + 1],
             format!("/keys/{i}"),
             vec![fix("Make these slopes automatic", out.ops)],
             out.joints,
