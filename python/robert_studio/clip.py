@@ -161,7 +161,7 @@ class Clip:
 
 
 def _plain(value: Any) -> Any:
-    """numpy's values for JSON; NaN, which leaves a joint open, is null there."""
+    """numpy's values for JSON; NaN, which says nothing about a joint, is null there."""
     if not isinstance(value, (np.ndarray, np.generic)):
         raise TypeError(f"{type(value).__name__} is no value of an edit")
     return np.where(value != value, None, value.astype(object)).tolist()

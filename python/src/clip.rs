@@ -85,7 +85,7 @@ impl Clip {
         self.inner.keys.iter().map(|k| k.frame).collect()
     }
 
-    /// Sets a key; NaN leaves a joint open. One that stands at the frame is replaced.
+    /// Sets a key; NaN says nothing about a joint. One that stands at the frame is replaced.
     fn key(&mut self, frame: u32, q: Vec<f64>, hold: u32, fill: Option<&str>) -> PyResult<()> {
         let row = q.iter().map(|v| (!v.is_nan()).then_some(*v)).collect();
         let fill = fill.map(fill_word).transpose()?;

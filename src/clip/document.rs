@@ -329,7 +329,7 @@ impl Clip {
 
     /// Whether a key has a value for a joint, as far as the document says. A key without values of its own has
     /// those that its end-effector goals lead to.
-    fn gives(&self, key: &Key, joint: usize) -> bool {
+    pub(crate) fn gives(&self, key: &Key, joint: usize) -> bool {
         key.goal == Goal::Open
             || self.row(key).is_some_and(|row| row.get(joint).is_some_and(Option::is_some))
     }

@@ -21,7 +21,7 @@ pub(super) struct Completed {
     pub(super) rows: Vec<Option<Row>>,
     /// For each joint of the clip, the joints that move with it, itself included.
     groups: Vec<Vec<usize>>,
-    /// For each joint, whether its value follows from others in some key.
+    /// For each joint, whether it follows another one, or a loop determines its value in some key.
     follows: Vec<bool>,
 }
 
@@ -53,6 +53,7 @@ impl Completed {
         };
         let new: Vec<Option<Row>> = rows.iter().map(|row| complete((*row)?)).collect();
         let mut follows = vec![false; clip.dim()];
+        ties.iter().flat_map(|tie| &tie.joints).for_each(|(j, ..)| follows[*j] = true);
         for (old, new) in
             rows.iter().zip(&new).filter_map(|(old, new)| Some(((*old)?, new.as_ref()?)))
         {

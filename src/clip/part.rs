@@ -99,6 +99,18 @@ impl Part {
         Ok(part)
     }
 
+    /// Whether all of it lies within its frames.
+    pub(super) fn is_within_its_length(&self) -> bool {
+        let inside = |frame: u32| frame < self.length;
+        self.keys.iter().all(|k| inside(k.frame))
+            && self.offsets.iter().all(|o| inside(o.frame))
+            && self.masks.iter().all(|m| m.from <= m.to && m.to <= self.length)
+            && self
+                .markers
+                .iter()
+                .all(|m| inside(m.frame) && m.to.is_none_or(|to| to <= self.length))
+    }
+
     /// Puts the part into a clip at frame `at`. The frames from there on must be free for it.
     pub(super) fn lay(self, clip: &mut Clip, at: u32) {
         let fill = clip.fill;

@@ -69,7 +69,13 @@ pub(super) fn frames_ahead(clip: &Clip) -> usize {
             continue;
         }
         let points = key.reach.iter().map(|r| (format!("{:?}", r.point), r.quat.is_some()));
-        let before = ends.insert(points.collect(), n);
+        let points: Vec<_> = points.collect();
+        let before = ends.remove(&points);
+        // Its values for all joints cut the paths of all other points.
+        if clip.row(key).is_none_or(|row| !row.contains(&None)) {
+            ends.clear();
+        }
+        ends.insert(points, n);
         if let Some(i) = before.filter(|i| leads(clip, *i, n)) {
             frames += (key.frame - clip.full_hold(i)) as usize;
         }

@@ -1,8 +1,8 @@
 //! A search for a way around what blocks a joint.
 //!
 //! A finger that meets another one too early stays behind it for as long as both goals are held, and
-//! repeated corrections of its goal do not take it around. This search moves the goals of a few joints for a
-//! moment, at random, near frames with a large error or with unnatural motion in a gap ([`super::search`]
+//! repeated corrections of its goal do not take it around. This search moves the goals of a few joints at random, for
+//! a moment or for a whole hold, near frames with a large error or with unnatural motion ([`super::search`]
 //! performs these tries and keeps what makes a part of the motion better: a random local search). It knows
 //! nothing of the model: each try is a rollout of the policy.
 
@@ -212,7 +212,7 @@ pub(super) fn budget(frames: usize, dim: usize) -> usize {
     (BUDGET * frames).min(BUDGET_MOST) * 24 / dim.clamp(6, 240)
 }
 
-/// Joints and frames from `from` on that are far from their goals, and those with the worst motion in gaps.
+/// Joints and frames from `from` on that are far from their goals, and those with the worst motion in gaps and holds.
 fn places(goals: &Goals, plan: &Goals, states: &[f64], judge: &Judge, from: usize) -> Vec<Place> {
     let (d, reached) = (goals.dim(), reached(goals, states));
     let end = (reached.len() / d).min(goals.frames());

@@ -12,7 +12,6 @@ fn two(length: u32) -> Clip {
 
 #[test]
 fn a_key_says_nothing_about_joints_without_a_value() {
-    let key = |frame, a: Option<f64>, b: Option<f64>| Key::with(frame, Goal::Q(vec![a, b]));
     let mut k = two(40);
     k.keys = vec![
         key(5, Some(1.0), Some(1.0)).held(20).filled(Fill::Linear),
@@ -43,6 +42,102 @@ fn a_key_says_nothing_about_joints_without_a_value() {
     let c = compile(&k).unwrap();
     assert!((10..40).all(|t| c.sees(t, 0) && c.row(t)[0] == 2.0));
     assert!(!c.sees(31, 1));
+}
+
+/// A key with values for some joints.
+fn key(frame: u32, a: Option<f64>, b: Option<f64>) -> Key {
+    Key::with(frame, Goal::Q(vec![a, b]))
+}
+
+/// The frames at which a joint has a goal after an edit.
+fn seen_after(clip: &Clip, op: &str, joint: usize) -> Vec<u32> {
+    let op: Op = serde_json::from_str(op).unwrap();
+    let clip = edited(clip, &op, None).unwrap_or_else(|e| panic!("{op:?}: {e}"));
+    let command = compile(&clip).unwrap();
+    (0..clip.length).filter(|t| command.sees(*t, joint)).collect()
+}
+
+#[test]
+fn an_edit_for_some_joints_leaves_the_holds_of_the_others() {
+    let mut k = two(100);
+    k.keys = vec![key(0, Some(0.0), Some(1.0)).held(60)];
+    k.poses.insert("p".into(), vec![Some(0.3), Some(0.4)]);
+    for op in [
+        r#"{"op": "keys.paste", "args": {"at": 30, "keys": [{"frame": 0, "q": [0.3, 0.4]}], "joints": ["a"]}}"#,
+        r#"{"op": "pose.apply", "args": {"name": "p", "frames": [30], "joints": ["a"]}}"#,
+        r#"{"op": "pose.apply", "args": {"name": "p", "frames": [30], "joints": ["a"], "blend": 0.5}}"#,
+    ] {
+        assert_eq!(seen_after(&k, op, 0), (0..=30).collect::<Vec<_>>(), "{op}");
+        assert_eq!(seen_after(&k, op, 1), (0..60).collect::<Vec<_>>(), "{op}");
+    }
+}
+
+#[test]
+fn a_hold_that_is_cut_for_one_joint_grows_into_no_inserted_and_no_deleted_time() {
+    let mut k = two(100);
+    k.keys = vec![key(0, Some(0.0), Some(1.0)).held(60), key(30, Some(0.5), None)];
+    let insert = r#"{"op": "time.insert", "args": {"at": 30, "frames": 10}}"#;
+    assert_eq!(seen_after(&k, insert, 0), (0..30).chain([40]).collect::<Vec<_>>());
+    assert_eq!(seen_after(&k, insert, 1), (0..70).collect::<Vec<_>>());
+    let delete = r#"{"op": "time.delete", "args": {"from": 20, "to": 35}}"#;
+    assert_eq!(seen_after(&k, delete, 0), (0..20).collect::<Vec<_>>());
+    assert_eq!(seen_after(&k, delete, 1), (0..45).collect::<Vec<_>>());
+}
+
+#[test]
+fn a_block_goes_without_what_is_held_before_it() {
+    let mut k = two(100);
+    let block = Marker { frame: 60, name: "b".into(), to: Some(80) };
+    k.keys = vec![
+        key(0, Some(0.0), Some(1.0)).held(50),
+        key(10, Some(0.5), None),
+        key(60, Some(1.0), Some(1.0)),
+    ];
+    k.markers = vec![block];
+    let delete = r#"{"op": "blocks.delete", "args": {"frame": 60}}"#;
+    assert_eq!(seen_after(&k, delete, 1), (0..50).collect::<Vec<_>>());
+}
+
+#[test]
+fn a_joint_that_ends_where_a_block_is_inserted_is_led_no_farther() {
+    let mut k = two(100);
+    k.keys = vec![
+        key(0, Some(0.0), Some(0.0)).held(50),
+        key(10, Some(0.1), None).filled(Fill::Linear),
+        key(60, Some(0.2), None),
+        key(80, None, Some(0.3)),
+    ];
+    let insert = |frame: u32| {
+        format!(
+            r#"{{"op": "blocks.insert", "args": {{"at": 50, "name": "b", "part": {{"joints": ["a", "b"], "length": 10, "keys": [{{"frame": {frame}, "q": [1, null]}}]}}}}}}"#
+        )
+    };
+    assert_eq!(seen_after(&k, &insert(0), 1), (0..50).chain([90]).collect::<Vec<_>>());
+    // A part that says more than its frames is refused.
+    let op: Op = serde_json::from_str(&insert(u32::MAX - 5)).unwrap();
+    let said = edited(&k, &op, None).unwrap_err().to_string();
+    assert!(said.contains("beyond its end"), "{said}");
+}
+
+#[test]
+fn the_finding_names_the_joints_that_the_next_key_cuts() {
+    let joints = ["a", "b", "c"].map(str::to_owned).to_vec();
+    let mut k = Clip::new(RobotRef { id: "r".into(), joints, ..RobotRef::default() }, 100);
+    let row = |frame, a, b, c| Key::with(frame, Goal::Q(vec![a, b, c]));
+    k.keys = vec![
+        row(0, Some(0.0), Some(1.0), Some(1.0)).held(60),
+        row(30, Some(0.5), None, None),
+        row(40, None, Some(0.5), None),
+    ];
+    let said = |k: &Clip| -> Vec<String> {
+        let table = JointTable::from_clip(k);
+        let lints = lint(k, &compile(k).unwrap(), &table, None);
+        lints.into_iter().map(|l| l.message).filter(|m| m.contains("the hold")).collect()
+    };
+    assert_eq!(
+        said(&k),
+        ["the hold of 60 frames at frame 0 ends earlier for a, at the key at frame 30"]
+    );
 }
 
 /// What a policy sees at a step: goals, virtual keys, and what is held after the end.

@@ -122,6 +122,11 @@ describe("a hand, with still pictures", () => {
     await t.until((s) => (s.rev ?? 0) >= 3, "pasted");
     assert.equal(await elbow(30), held, "so does the paste");
     assert.notEqual(held, await elbow(60));
+    await t.goTo(45);
+    await t.press("k");
+    const made = (await t.until((s) => s.clip?.keys.some((k) => k.frame === 45), "a key")).clip?.keys;
+    const q = made?.find((k) => k.frame === 45)?.q;
+    assert.ok(q?.[2] === null && q[0] !== null, "a new key says nothing about it");
     await t.page.mouse.click(box.x + 40, p.y);
     await t.press("Alt+l");
     await t.until((s) => s.locked.length === 0, "free again by its key");

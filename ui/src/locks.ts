@@ -23,6 +23,13 @@ export function unlockedOnly(): { joints?: string[] } {
   return free.length < all.length ? { joints: free } : {};
 }
 
+/** The values of a new key: it says nothing about locked joints, so their holds and fills go on. */
+export function unlocked(q: readonly number[]): (number | null)[] {
+  const all = store.doc.value?.clip.robot.joints ?? [];
+  const free = all.map((j) => !isLocked(j));
+  return free.includes(true) ? q.map((v, j) => (free[j] ? v : null)) : [...q];
+}
+
 /** Locks these joints, or frees them when all of them are locked. */
 export function toggleLock(names: readonly string[]): void {
   const next = new Set(store.locked.value);

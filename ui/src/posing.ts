@@ -3,6 +3,7 @@
 
 import { type Clip, changedBy, keyAt, values } from "./clip";
 import { addedAt } from "./layers";
+import { unlocked } from "./locks";
 import { shapingEdit } from "./offsets";
 import type { Op } from "./protocol";
 import * as store from "./store";
@@ -60,7 +61,7 @@ function poseEdit(wanted: Record<string, number>): Op | undefined {
     const v = changes[name];
     if (v !== undefined) q[j] = v;
   });
-  return { op: "keys.add", args: { keys: [{ frame, q }] } };
+  return { op: "keys.add", args: { keys: [{ frame, q: unlocked(q) }] } };
 }
 
 /**

@@ -223,9 +223,8 @@ fn each(lints: &[Lint]) -> impl Iterator<Item = &Fix> {
     fixes.filter(|fix| !matches!(fix.op, Op::KeysHold(_)))
 }
 
-/// The order in which findings count: first errors, then speeds, then the other warnings. Speed
-/// counts more than blindness, because stretching time may open a blind span, which then gets keys.
-/// With the opposite order two fixes would undo each other for ever.
+/// The order in which findings count: first errors, then speeds, then the other warnings. Two fixes that
+/// trade one finding for another then do not undo each other for ever.
 fn weight(lints: &[Lint]) -> (usize, usize, usize) {
     let count = |is: &dyn Fn(&Lint) -> bool| lints.iter().filter(|l| is(l)).count();
     (

@@ -27,6 +27,11 @@ impl Edit<'_> {
         if a.part.length == 0 || a.at > self.clip.length {
             return argument("a block has at least one frame and begins inside the clip");
         }
+        if !a.part.is_within_its_length() {
+            return argument(
+                "a key, a mask, an offset or a marker of the block lies beyond its end",
+            );
+        }
         let part = a.part.ordered(&self.clip.robot.joints).or_else(|name| {
             argument(format!("only one of the two motions has a joint \"{}\"", show(&name)))
         })?;
@@ -82,10 +87,15 @@ impl Edit<'_> {
         let fill = clip.fill_after(&clip.keys[i]);
         let mut keys = Vec::new();
         if !is_held {
-            keys.extend(self.key_of_all(&command, before, fill, before.checked_sub(1)));
+            // A joint that is open at `at` is not led there: its hold or fill ends before.
+            let goes_on = |j: usize| {
+                let keeps = || way(j).is_some_and(|(fill, _)| fill != Fill::Mask);
+                sees(at, j) || (at >= clip.length && keeps())
+            };
+            keys.extend(self.key_of(&command, before, fill, before.checked_sub(1), goes_on));
         }
         let (fill, hold) = if is_mixed { (Fill::Hold, 1) } else { first.unwrap_or((fill, 1)) };
-        let key = self.key_of_all(&command, at, fill, Some(at + 1).filter(|_| hold == 1));
+        let key = self.key_of(&command, at, fill, Some(at + 1).filter(|_| hold == 1), |_| true);
         keys.extend(key.map(|key| if here.is_none() { key.held(hold) } else { key }));
         // A joint that rests after its last key gets another one: a slope with which it leaves had no effect.
         let resting = (0..clip.dim()).filter(|j| sees(before, *j) && tracks.next(i, *j).is_none());
@@ -113,14 +123,15 @@ impl Edit<'_> {
         Ok(())
     }
 
-    /// The key at a frame with the values of all joints that are commanded there, with this fill if it is new; none
-    /// if there is nothing to add.
-    fn key_of_all(
+    /// The key at a frame with the values of the `wanted` joints that are commanded there, with this fill if it is
+    /// new; none if there is nothing to add.
+    fn key_of(
         &self,
         command: &Command,
         frame: u32,
         fill: Fill,
         beside: Option<u32>,
+        wanted: impl Fn(usize) -> bool,
     ) -> Option<Key> {
         if frame >= self.clip.length {
             return None;
@@ -128,7 +139,8 @@ impl Edit<'_> {
         let old = self.clip.key(frame);
         let own = old.and_then(|key| self.clip.row(key));
         let value = |j: usize| {
-            let seen = || command.sees(frame, j).then(|| round(f64::from(command.row(frame)[j])));
+            let is_seen = command.sees(frame, j) && wanted(j);
+            let seen = || is_seen.then(|| round(f64::from(command.row(frame)[j])));
             own.and_then(|row| row[j]).or_else(seen)
         };
         let row: Row = (0..self.clip.dim()).map(value).collect();
@@ -224,8 +236,9 @@ impl Edit<'_> {
     /// Removes a block with its time, and the blend that leads to it.
     pub(super) fn blocks_delete(&mut self, a: &BlocksDelete) -> Done {
         let (from, to) = self.block(a.frame)?;
-        let before = self.clip.keys.iter().rposition(|k| k.frame < from);
-        let begin = before.map_or(from, |i| self.clip.hold_end(i).min(from));
+        let before = self.clip.keys.partition_point(|k| k.frame < from);
+        let held = (0..before).map(|i| self.clip.hold_end(i)).max();
+        let begin = held.map_or(from, |end| end.min(from));
         self.time_delete(&TimeDelete { from: begin, to })
     }
 

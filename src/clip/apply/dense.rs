@@ -11,8 +11,8 @@ use robert_base::limits;
 impl Edit<'_> {
     /// Replaces some keys, and what is commanded from each up to the next key, by a key at every frame. `command`
     /// is that of the clip without masks, `tracks` are those of its keys, and `chosen` says which keys; keys that
-    /// hang together with them are replaced, too. `value` gets a frame, a joint, and its value in the key at this frame; it returns what is
-    /// commanded there. The command stays as it was if `value` says what it is.
+    /// hang together with them are replaced, too. `value` gets a frame, a joint, and its value in the key at this
+    /// frame; it returns what is commanded there. The command stays as it was if `value` says what it is.
     pub(super) fn dense(
         &mut self,
         command: &Command,

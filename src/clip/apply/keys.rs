@@ -136,11 +136,10 @@ impl Edit<'_> {
         self.place(keys, a.replace)
     }
 
-    /// Gives all other joints the value that they already have at each of these frames: the value
-    /// of the key there, otherwise the interpolated command.
+    /// Gives all other joints the value of the key that is at each of these frames. Without one they have none, so
+    /// their holds and fills go on.
     pub(super) fn keep_others(&self, keys: &mut [Key], names: &[String]) -> Done {
         let chosen = names.iter().map(|n| self.joint(n)).collect::<Result<BTreeSet<_>, _>>()?;
-        let command = self.command()?;
         for key in keys {
             if !key.reach.is_empty() {
                 return argument(
@@ -149,7 +148,8 @@ impl Edit<'_> {
             }
             let there: Row = match self.clip.key(key.frame) {
                 Some(old) if old.reach.is_empty() => self.row_of(old),
-                _ => self.commanded(&command, key.frame),
+                Some(_) => self.commanded(&self.command()?, key.frame),
+                None => vec![None; self.clip.dim()],
             };
             let mut row = self.row_of(key);
             for (j, (slot, old)) in row.iter_mut().zip(there).enumerate() {

@@ -44,8 +44,10 @@ impl Edit<'_> {
             } else {
                 let there: Row = match (&old, &command) {
                     (Some(key), _) => self.row_of(key),
+                    // Other joints have no value, so their holds and fills go on.
                     (None, Some(c)) => {
-                        c.interpolated(frame).iter().map(|v| Some(f64::from(*v))).collect()
+                        let there = c.interpolated(frame).into_iter().zip(&pose);
+                        there.map(|(v, p)| p.map(|_| f64::from(v))).collect()
                     }
                     (None, None) => vec![None; self.clip.dim()],
                 };

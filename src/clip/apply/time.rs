@@ -3,7 +3,9 @@
 use super::edit::Edit;
 use super::error::{Done, OpError, argument};
 use super::masks::merge_masks;
+use crate::document::{Clip, Goal, Key, Row};
 use crate::op::{ClipLength, TimeDelete, TimeInsert};
+use crate::tracks::Tracks;
 use robert_base::limits;
 
 impl Edit<'_> {
@@ -18,6 +20,7 @@ impl Edit<'_> {
                 limits::CLIP_FRAMES
             ));
         }
+        end_holds(clip, at, |joint, key| joint == at && key > at);
         let ends: Vec<u32> = (0..clip.keys.len()).map(|i| clip.hold_end(i)).collect();
         for (key, end) in clip.keys.iter_mut().zip(ends) {
             if key.frame >= at {
@@ -52,6 +55,7 @@ impl Edit<'_> {
             let length = clip.length;
             return argument(format!("cannot delete frames {from}..{to} of a clip of {length}"));
         }
+        end_holds(clip, from, |joint, key| (from..to).contains(&joint) && key > to);
         let ends: Vec<u32> = (0..clip.keys.len()).map(|i| clip.hold_end(i)).collect();
         for (key, end) in clip.keys.iter_mut().zip(ends) {
             if key.frame < from {
@@ -104,5 +108,45 @@ impl Edit<'_> {
         clip.masks.retain(|m| m.from < m.to);
         clip.length = length;
         Ok(())
+    }
+}
+
+/// Ends holds of single joints at frame `at` that a later key ends now, although the hold of the same key goes on for
+/// other joints: a key of one frame before `at` repeats their values. `ends` gets the frames at which the hold of the
+/// joint and that of the key end. A key of one frame there for others takes the values, too, if it has the same fill.
+fn end_holds(clip: &mut Clip, at: u32, ends: impl Fn(u32, u32) -> bool) {
+    let Some(before) = at.checked_sub(1) else { return };
+    let long = |i: usize| clip.keys[i].frame < before && clip.hold_end(i) > at;
+    if !(0..clip.keys.partition_point(|k| k.frame < before)).any(long) {
+        return;
+    }
+    let tracks = Tracks::of(clip.keys.len(), clip.dim(), |i, j| clip.gives(&clip.keys[i], j));
+    for i in (0..clip.keys.len()).filter(|i| long(*i)).collect::<Vec<_>>() {
+        let (key, end) = (&clip.keys[i], clip.hold_end(i));
+        let own = clip.row(key).filter(|_| key.reach.is_empty());
+        let value = |j: usize| {
+            let ended = tracks.has(i, j) && ends(tracks.hold_end(clip, i, j), end);
+            own.filter(|_| ended).and_then(|row| row[j])
+        };
+        let row: Row = (0..clip.dim()).map(value).collect();
+        if row.iter().all(Option::is_none) {
+            continue;
+        }
+        let fill = clip.fill_after(key);
+        let default = clip.fill;
+        let there = clip.keys.iter_mut().find(|k| k.frame == before);
+        match there.map(|k| (k.fill.unwrap_or(default) == fill && k.hold == 1, &mut k.goal)) {
+            Some((true, Goal::Q(old))) => {
+                old.iter_mut().zip(row).for_each(|(slot, new)| *slot = slot.or(new));
+            }
+            // Nothing else can be said at one frame: the hold goes on for all joints.
+            Some(_) => {}
+            None => {
+                let own = (fill != default).then_some(fill);
+                clip.keys.push(Key { fill: own, ..Key::with(before, Goal::Q(row)) });
+                clip.keys.sort_by_key(|k| k.frame);
+                return end_holds(clip, at, ends);
+            }
+        }
     }
 }

@@ -3,7 +3,7 @@
 import { type Key, keyAt, keyEnd, nextKey, prevKey, replaced } from "../clip";
 import { drawing, needsSpaceAndSite, toggleDrawing } from "../draw";
 import { needsPoint, nudgeValue } from "../graph/edits";
-import { toggleLock, unlockedOnly } from "../locks";
+import { toggleLock, unlocked, unlockedOnly } from "../locks";
 import { menuByKey } from "../menu";
 import { deleteOffset, needsOffset } from "../offsets";
 import { needsSite, setPins, togglePin } from "../pins";
@@ -118,7 +118,7 @@ export function addKey(): void {
     store.announcement.value = `key at frame ${frame} selected`;
     return;
   }
-  void edit("keys.add", { keys: [{ frame, q: barePose(c, frame) }] }).then((ok) => {
+  void edit("keys.add", { keys: [{ frame, q: unlocked(barePose(c, frame)) }] }).then((ok) => {
     if (ok) store.selection.value = new Set([frame]);
   });
 }

@@ -5,7 +5,7 @@ import { effect, signal } from "@preact/signals";
 import { type Clip, keyAt, values } from "../clip";
 import { together } from "../couplings";
 import { addedAt } from "../layers";
-import { isLocked } from "../locks";
+import { isLocked, unlocked } from "../locks";
 import { barePose, endPreview, preview } from "../posing";
 import type { Op, Tangent } from "../protocol";
 import * as store from "../store";
@@ -123,7 +123,7 @@ export function addPoint(frame: number, joint: number, value: number): void {
     const there = commandedAt(clip, j, frame);
     return grid(set[n] ?? (there === undefined ? (pose[j] ?? 0) : there - addedAt(clip, j, frame)));
   });
-  void edit("keys.add", { keys: [{ frame, q }] }).then((ok) => {
+  void edit("keys.add", { keys: [{ frame, q: unlocked(q) }] }).then((ok) => {
     if (ok) choosePoints(new Set([nameOf({ frame, joint })]));
   });
 }

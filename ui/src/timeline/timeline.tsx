@@ -228,9 +228,7 @@ export function Timeline(props: { onHint: (text: string) => void }) {
         selectedJoint: store.joint.value,
         blind: begun() ? [] : d.findings.blind,
         lints: d.findings.lints.flatMap((l) =>
-          l.frames && l.level !== "info" && !(begun() && l.rule === "blind-span")
-            ? [{ frame: l.frames[0], level: l.level }]
-            : [],
+          l.frames && l.level !== "info" ? [{ frame: l.frames[0], level: l.level }] : [],
         ),
         errors: store.frames.value.error,
         beside: beside(),

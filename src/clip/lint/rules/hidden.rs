@@ -52,7 +52,7 @@ impl Finder<'_> {
         let is_cut = |end: u32| end - key.frame < key.hold;
         let first = ends.iter().map(|e| e.1).min().filter(|end| is_cut(*end))?;
         let last = ends.iter().map(|e| e.1).max()?;
-        let cut = ends.iter().filter(|(_, end)| is_cut(*end));
+        let cut = ends.iter().filter(|(_, end)| *end == first);
         let joints: Vec<String> = cut.map(|(j, _)| clip.robot.joints[*j].clone()).collect();
         let (hold, frame) = (key.hold, key.frame);
         let at = |end: u32| match clip.key(end) {
