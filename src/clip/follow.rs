@@ -246,6 +246,17 @@ mod tests {
             fade_out: 0,
         }];
         assert_eq!(seen(&moved, &table, 10), [true, false, false, false]);
+        // A key that moves what a joint follows opens it, also if no key determines it.
+        let mut far = clip.clone();
+        far.fill = crate::Fill::Linear;
+        far.keys = vec![
+            key(0, [Some(0.0); 4]),
+            key(10, [Some(0.2), Some(0.4), None, None]),
+            key(20, [Some(0.0); 4]),
+        ];
+        let mut stopped = table.clone();
+        stopped.joints[2].range = Some([-0.1, 0.1]);
+        assert_eq!(seen(&far, &stopped, 10), [true, true, false, true]);
         // Stops are kept.
         table.joints[1].range = Some([-0.3, 0.3]);
         assert_eq!(seen(&clip, &table, 10), [true, false, false, false]);

@@ -218,6 +218,22 @@ mod tests {
     }
 
     #[test]
+    fn a_restless_hold_is_a_place() {
+        let seen: Vec<(usize, &[Option<f64>])> = (0..40).map(|f| (f, &[Some(0.0)][..])).collect();
+        let goals = goals(1, 40, &seen);
+        let mut states = vec![0.0; HISTORY + 40];
+        states[HISTORY + 20] = 0.05;
+        assert!(places(&goals, &states).is_empty(), "too little to be seen");
+        states[HISTORY + 20] = 0.2;
+        let found = places(&goals, &states);
+        assert!(found.len() == 1 && found[0].joint == 0 && found[0].frame < 20);
+        assert!(
+            (found[0].penalty - RESTLESS_WEIGHT * holds::restlessness(&goals, &states)).abs()
+                < 1e-12
+        );
+    }
+
+    #[test]
     fn the_places_are_the_largest_swing_and_the_strongest_jolt() {
         let seen: Vec<(usize, &[Option<f64>])> =
             (20..30).map(|f| (f, &[Some(1.0)][..])).chain([(0, &[Some(0.0)][..])]).collect();

@@ -124,7 +124,8 @@ describe("a hand, with still pictures", () => {
     assert.notEqual(held, await elbow(60));
     await t.goTo(45);
     await t.press("k");
-    const made = (await t.until((s) => s.clip?.keys.some((k) => k.frame === 45), "a key")).clip?.keys;
+    const made = (await t.until((s) => s.clip?.keys.some((k) => k.frame === 45) === true, "a key")).clip
+      ?.keys;
     const q = made?.find((k) => k.frame === 45)?.q;
     assert.ok(q?.[2] === null && q[0] !== null, "a new key says nothing about it");
     await t.page.mouse.click(box.x + 40, p.y);

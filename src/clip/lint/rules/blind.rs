@@ -8,6 +8,9 @@ use crate::lint::finding::{Fix, Level, Lint, Rule};
 use crate::op::{KeysAdd, KeysHold, MaskSet, Op};
 use robert_base::limits;
 
+/// The number of keys before a gap among which the one is looked for whose hold ends there.
+const HOLDERS: usize = 100;
+
 impl Finder<'_> {
     pub(in crate::lint) fn blind(&mut self) {
         for blind in self.command.blind_spans() {
@@ -94,8 +97,9 @@ impl Finder<'_> {
         }
         // Or the last goal stays until 20 frames before the next one, which makes the way there faster.
         let holder = after.and_then(|a| {
-            let i = clip.keys.partition_point(|k| k.frame <= a).checked_sub(1)?;
-            clip.keys.get(i).filter(|k| clip.hold_end(i) == a + 1 && k.frame <= a)
+            let before = clip.keys.partition_point(|k| k.frame <= a);
+            let near = before.saturating_sub(HOLDERS)..before;
+            clip.keys.get(near.rev().find(|i| clip.hold_end(*i) == a + 1)?)
         });
         if let Some(key) = holder {
             let hold = to - LOOKAHEAD_FRAMES - key.frame + 1;
