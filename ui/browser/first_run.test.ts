@@ -39,12 +39,12 @@ describe("first run", () => {
     await t.painted();
     assert.equal(await red(), 0, "no red before anything was done");
     await t.picture("new-clip");
-    // A second key far away: now it is worth saying.
+    // A second key far away: now it is worth a hint.
     await t.goTo(80);
     await t.press("k");
     await t.until_keys([0, 80]);
     await t.until((s) => (s.findings?.blind.length ?? 0) > 0, "a blind span");
-    await t.page.getByText(/^Problems \(\d\)$/).waitFor();
+    await t.page.getByText(/^No problems, hints \(\d\)$/).waitFor();
     await t.painted();
     assert.ok((await red()) > 1000, "a tint where the policy sees no goal");
     await t.picture("blind-span");
