@@ -338,12 +338,16 @@ pub(super) fn strongest_jolt(goals: &Goals, states: &[f64], from: usize) -> Opti
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use robert_clip::Command;
 
     /// Goals of `dim` joints at the frames given, all else masked.
-    fn goals(dim: usize, frames: usize, keys: &[(usize, &[Option<f64>])]) -> Goals {
+    pub(in super::super) fn goals(
+        dim: usize,
+        frames: usize,
+        keys: &[(usize, &[Option<f64>])],
+    ) -> Goals {
         let (mut q, mut visible) = (vec![0.0; frames * dim], vec![false; frames * dim]);
         for (f, row) in keys {
             for (j, v) in row.iter().enumerate() {

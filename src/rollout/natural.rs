@@ -150,21 +150,8 @@ fn names(goals: &Goals) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::gaps::tests::goals;
     use super::*;
-    use robert_clip::Command;
-
-    /// Goals of `dim` joints at the frames given, all else masked.
-    fn goals(dim: usize, frames: usize, keys: &[(usize, &[Option<f64>])]) -> Goals {
-        let (mut q, mut visible) = (vec![0.0; frames * dim], vec![false; frames * dim]);
-        for (f, row) in keys {
-            for (j, v) in row.iter().enumerate() {
-                q[f * dim + j] = v.unwrap_or(0.0) as f32;
-                visible[f * dim + j] = v.is_some();
-            }
-        }
-        let names = (0..dim).map(|j| j.to_string()).collect();
-        Goals::new(&Command::from_dense(names, vec![0.0; dim], q, visible).unwrap())
-    }
 
     /// The minimum-jerk motion from 0 to 1 in 20 frames.
     fn least(f: usize) -> f64 {
