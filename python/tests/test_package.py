@@ -97,7 +97,13 @@ def test_goals_and_slopes_are_authored(tmp_path):
         clip.apply("keys.wobble")
     with pytest.raises(rs.InvalidInput, match="no key at frame 7"):
         clip.apply("keys.set", frame=7, q=home)
+    # A joint without a value at a key is led past it by the curve of its own neighbours, here from frame 0 to 60.
+    through = clip.command()[0][20, 1]
     clip.apply("keys.set", frame=20, q=np.array([0.1, np.nan, 0, 0, 0]))
+    values, commanded = clip.command()
+    assert commanded[20].all() and abs(values[20, 1] - through) > 0.05
+    # Without a curve that joint is free there.
+    clip.apply("fill.set", frames=[0], fill="mask")
     assert not clip.command()[1][20, 1]
 
 
