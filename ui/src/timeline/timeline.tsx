@@ -112,7 +112,7 @@ export function Timeline(props: { onHint: (text: string) => void }) {
         if (frame < 0) return "before the clip: the history that the policy is given";
         const within = (s: { from: number; to: number }): boolean => s.from <= frame && frame < s.to;
         if (d.findings.blind.some(within))
-          return "red: blind span, no goal within the 20 frames ahead that the policy sees";
+          return "tinted: no goal within the 20 frames ahead that the policy sees, so the program leads through the gap";
         if (d.findings.spans.some((s) => (s.kind === "masked" || s.kind === "open") && within(s)))
           return "dots: masked, the policy decides the motion";
         if (frame > at && frame <= at + 20)
