@@ -27,7 +27,7 @@ import {
   yToRow,
   zoomAt,
 } from "./timeline/layout";
-import { bars, diamonds, marks, ofRow } from "./timeline/marks";
+import { bars, diamonds, marks, ofPoint, ofRow } from "./timeline/marks";
 import { resumeArgs, usualPolicies, usualSuite } from "./training";
 
 const clip: Clip = {
@@ -243,6 +243,47 @@ test("only keys in sight are laid out, with the one whose bar reaches in", () =>
     dragged.some((m) => m.frame === 5 && m.selected),
     "a key dragged into sight",
   );
+});
+
+test("of keys for some joints only, those are laid out whose bars reach into sight", () => {
+  // The first joint has a key at frame 0 and at the end, the second one at every frame between.
+  const many: Clip = {
+    ...clip,
+    length: 2000,
+    fill: "linear",
+    keys: Array.from({ length: 2000 }, (_, f) => ({
+      frame: f,
+      q: f === 0 || f === 1999 ? [f, null, null] : [null, f, null],
+    })),
+  };
+  const box = { width: 900, height: 200 };
+  const near = { zoom: 20, left: 1000, top: 0 };
+  const list = marks(many, near, box, new Map(), new Set());
+  const shown = list.map((m) => m.frame);
+  assert.ok(shown.length < 45 && shown.includes(0) && shown.includes(999), shown.join());
+  const bar = (joint: number) =>
+    bars(ofRow(list, [joint])).map((b) => [b.ink, near.left + (b.from - LABELS) / near.zoom, b.to]);
+  assert.deepEqual(bar(0), [["linear", 1, frameToX(near, 1999)]]);
+  assert.deepEqual(bar(2), []);
+  // A key that is dragged away lets the bar of the key before it reach into sight.
+  const from = { ...near, left: 0 };
+  const away = marks(many, from, box, new Map([[2, 1500]]), new Set([2]));
+  assert.equal(bars(ofRow(away, [1])).length, 1);
+  assert.ok(!away.some((m) => m.frame === 2));
+});
+
+test("the bar of a point reaches to a key that is out of sight", () => {
+  const at = (frame: number): Key => ({
+    frame,
+    q: [0, 0, 0],
+    reach: [{ site: "tip", pos: [0, 0, 0] }],
+  });
+  const sparse: Clip = { ...clip, length: 2000, fill: "linear", keys: [at(0), at(1999)] };
+  const view = { zoom: 20, left: 0, top: 0 };
+  const list = marks(sparse, view, { width: 900, height: 200 }, new Map(), new Set());
+  assert.equal(list.length, 1);
+  const [bar] = bars(ofPoint(list, "tip"));
+  assert.equal(bar?.to, frameToX(view, 1999));
 });
 
 test("keys closer than the eye parts them are one diamond, but a selected one shows", () => {
@@ -584,7 +625,7 @@ test("a row shows what is commanded of its joint", () => {
   const box = { width: 900, height: 200 };
   const view = { zoom: 10, left: 0, top: 0 };
   const row = (joints: number[] | undefined, left = 0) =>
-    bars(ofRow(marks(layered, { ...view, left }, box, new Map(), new Set()), joints, box.width)).map((b) => [
+    bars(ofRow(marks(layered, { ...view, left }, box, new Map(), new Set()), joints)).map((b) => [
       b.ink,
       ...[b.from, b.to].map((x) => Math.round(left + (x - LABELS) / view.zoom)),
     ]);

@@ -18,7 +18,17 @@ import {
   tick,
   xToFrame,
 } from "./layout";
-import { bars, type Diamond, diamonds, isPartial, type Mark, marks, ofPoint, ofRow } from "./marks";
+import {
+  bars,
+  type Diamond,
+  diamonds,
+  type Glyph,
+  isPartial,
+  type Mark,
+  marks,
+  ofPoint,
+  ofRow,
+} from "./marks";
 import type { Ctx, Scene, Theme, Times } from "./scene";
 import { sound } from "./sound";
 
@@ -172,7 +182,7 @@ const DENSE = 14;
 const SPRITE = 18;
 
 /** Draws some keys and what is between them on one line. */
-function ink(ctx: Ctx, theme: Theme, list: Mark[], mid: number, ratio: number, shape: Shape = "pose"): void {
+function ink(ctx: Ctx, theme: Theme, list: Glyph[], mid: number, ratio: number, shape: Shape = "pose"): void {
   for (const b of bars(list)) {
     const width = b.to - b.from;
     if (b.ink === "masked") {
@@ -207,10 +217,10 @@ function ink(ctx: Ctx, theme: Theme, list: Mark[], mid: number, ratio: number, s
   // Keys at nearly every frame are a band: as diamonds they would be a wall.
   if (shape === "dense") {
     ctx.fillStyle = `${theme.key}b0`;
-    for (const [i, m] of list.entries()) {
-      const next = list[i + 1];
-      const near = next && next.x - m.x <= DENSE;
-      ctx.fillRect(m.x - 0.5, mid - 2, near ? next.x - m.x + 0.5 : 2, 4);
+    for (let i = 0; i < list.length; i++) {
+      const from = list[i]?.x ?? 0;
+      while ((list[i + 1]?.x ?? Infinity) - (list[i]?.x ?? 0) <= DENSE) i++;
+      ctx.fillRect(from - 0.5, mid - 2, Math.max(2, (list[i]?.x ?? 0) - from + 1), 4);
     }
   }
   // Whole pixels: a copy between them would be blurred.
@@ -263,7 +273,7 @@ function bar(
     ctx.drawImage(common, 0, Math.round(y * ratio) / ratio, common.width / ratio, common.height / ratio);
   if (own.length) {
     const shape = s.dense ? "dense" : "pose";
-    ink(ctx, theme, ofRow(own, joints, s.box.width + 8), y + ROW / 2, ratio, shape);
+    ink(ctx, theme, ofRow(own, joints), y + ROW / 2, ratio, shape);
   }
   for (const mask of clip.masks ?? []) {
     const all = !mask.joints;

@@ -9,34 +9,42 @@ import { type Box, frameToX, LABELS, pointOf, type View } from "./layout";
 /** How a shape is drawn. */
 export type Ink = "masked" | "held" | "linear" | "cubic" | "hold" | "part" | "whole" | "selected";
 
-export interface Mark {
-  frame: number;
+/** A key as it is drawn in a row: a diamond, its hold and what follows. */
+export interface Glyph {
   /** Of the diamond, of the end of its hold and of the next key; pixels. */
   x: number;
   hold: number;
   until: number | undefined;
-  /** Of the end of the clip, and the same where the value is kept until then; pixels. */
-  end: number;
+  /** Of the end of the clip, where the value is kept until then; pixels. */
   kept: number | undefined;
   fill: Fill;
   /** For more than one frame: a bar. */
   held: boolean;
   selected: boolean;
+  /** Whether the row that is drawn has a goal for all of its joints. */
+  whole: boolean;
+}
+
+/** A key with what it has for all joints. */
+export interface Mark extends Glyph {
+  frame: number;
+  /** Of the end of the clip, pixels. */
+  end: number;
   /** Every joint has a goal. */
   full: boolean;
   /** The points that its end-effector goals place. */
   points: string[];
   /** Which joints have one. */
   row: (number | null)[];
-  /** Whether the row that is drawn has a goal for all of its joints. */
-  whole: boolean;
+  /** Of the next key of a joint, and of the next one that may move the points; pixels. */
+  next: (joint: number) => number | undefined;
+  nextPlaced: () => number | undefined;
 }
 
 /** Diamonds nearer than this, pixels, are one. */
 const APART = 1.25;
 
-/** The keys that are in sight, or whose bars are. If some are for some joints only, all keys: each joint has its
- * own next key. */
+/** The keys that are in sight, or whose bars are. */
 export function marks(
   clip: Clip,
   view: View,
@@ -46,28 +54,45 @@ export function marks(
 ): Mark[] {
   const list: Mark[] = [];
   const { keys } = clip;
+  const order = orderOf(clip);
   const place = (frame: number): number => dragged.get(frame) ?? frame;
-  const every = dragged.size > 0 || isPartial(clip);
+  const placed = (i: number): number | undefined => {
+    const key = keys[i];
+    return key && place(key.frame);
+  };
+  const atX = (i: number): number | undefined => {
+    const frame = placed(i);
+    return frame === undefined ? undefined : frameToX(view, frame);
+  };
+  /** Whether a bar ends in sight or to the right of it; after the last key it does not end. */
+  const into = (next: number | undefined): boolean => (placed(next ?? -1) ?? Infinity) >= view.left;
+  /** Whether a bar of a key reaches into sight, of some joint or of a point. */
+  const reaches = (i: number, row: (number | null)[]): boolean =>
+    row.some((v, j) => v !== null && into(order.next[j]?.[i])) ||
+    ((keys[i]?.reach?.length ?? 0) > 0 && into(order.placed[i]));
   // Without a drag keys are in order: begin at the first whose bar can reach into sight.
-  let i = every ? 0 : Math.max(0, firstAt(keys, view.left) - 1);
+  let i = dragged.size || order.partial ? 0 : Math.max(0, firstAt(keys, view.left) - 1);
   const last = view.left + (box.width - LABELS) / view.zoom + 8 / view.zoom;
   const end = frameToX(view, clip.length);
   for (; i < keys.length; i++) {
-    const key = keys[i];
+    const [key, index] = [keys[i], i];
     if (!key) break;
     const at = place(key.frame);
-    if (at > last && !isPartial(clip)) {
+    if (at > last) {
       if (dragged.size) continue;
       break;
     }
+    const row = values(clip, key);
+    // Laying a key out takes longer than seeing that it is far away.
+    const hold = keyEnd(key) + at - key.frame;
+    if (order.partial && at < view.left - 8 / view.zoom && hold < view.left && !reaches(i, row)) continue;
     const next = keys[i + 1];
     const fill = fillAfter(clip, key);
-    const row = values(clip, key);
     const full = isFull(row);
     const mark: Mark = {
       frame: key.frame,
       x: frameToX(view, at),
-      hold: frameToX(view, keyEnd(key) + at - key.frame),
+      hold: frameToX(view, hold),
       until: next && frameToX(view, place(next.frame)),
       end,
       kept: !next && fill !== "mask" ? end : undefined,
@@ -78,8 +103,10 @@ export function marks(
       points: key.reach?.map(pointOf) ?? [],
       row,
       whole: full,
+      next: (joint) => atX(order.next[joint]?.[index] ?? -1),
+      nextPlaced: () => atX(order.placed[index] ?? -1),
     };
-    if (isPartial(clip) || isSeen(mark)) list.push(mark);
+    if (order.partial || isSeen(mark)) list.push(mark);
   }
   return list;
 }
@@ -87,18 +114,47 @@ export function marks(
 const isFull = (row: (number | null)[]): boolean => row.length > 0 && !row.includes(null);
 
 /** Whether a key or its bars reach to the right of the names. */
-const isSeen = (m: Mark): boolean => Math.max(m.x + 8, m.hold, m.until ?? 0, m.kept ?? 0) >= LABELS;
+const isSeen = (m: Glyph): boolean => Math.max(m.x + 8, m.hold, m.until ?? 0, m.kept ?? 0) >= LABELS;
 
-const partial = new WeakMap<Clip, boolean>();
-
-/** Whether some key is for some joints only. A clip is never changed, so it is looked through once. */
-export function isPartial(clip: Clip): boolean {
-  const known = partial.get(clip);
-  if (known !== undefined) return known;
-  const is = clip.keys.some((key) => !isFull(values(clip, key)));
-  partial.set(clip, is);
-  return is;
+/** Which key comes after which; -1 after the last. */
+interface Order {
+  /** Some key is for some joints only. */
+  partial: boolean;
+  /** By joint and key: the next key of the joint. */
+  next: Int32Array[];
+  /** By key: the next one that may move points, with end-effector goals or a value for every joint. */
+  placed: Int32Array;
 }
+
+const orders = new WeakMap<Clip, Order>();
+
+/** A clip is never changed, so it is looked through once. */
+function orderOf(clip: Clip): Order {
+  const known = orders.get(clip);
+  if (known) return known;
+  const after = (is: (i: number) => boolean): Int32Array => {
+    const all = new Int32Array(clip.keys.length);
+    for (let i = all.length - 1, next = -1; i >= 0; i--) {
+      all[i] = next;
+      if (is(i)) next = i;
+    }
+    return all;
+  };
+  const rows = clip.keys.map((key) => values(clip, key));
+  const reach = clip.keys.map((key) => (key.reach?.length ?? 0) > 0);
+  const full = rows.map(isFull);
+  const order = {
+    partial: full.includes(false),
+    // What end-effector goals lead to is a value, too.
+    next: clip.robot.joints.map((_, j) => after((i) => reach[i] || typeof rows[i]?.[j] === "number")),
+    placed: after((i) => reach[i] || full[i] === true),
+  };
+  orders.set(clip, order);
+  return order;
+}
+
+/** Whether some key is for some joints only. */
+export const isPartial = (clip: Clip): boolean => orderOf(clip).partial;
 
 /** Index of the first key at or after a frame. */
 function firstAt(keys: { frame: number }[], frame: number): number {
@@ -111,44 +167,42 @@ function firstAt(keys: { frame: number }[], frame: number): number {
   return lo;
 }
 
-/** The keys that have a goal in this row, as far as `right`, pixels. Holds and fills go as far as the row's joints
- * go that have no key of their own before. `list` has all keys. */
-export function ofRow(list: Mark[], joints: number[] | undefined, right = Infinity): Mark[] {
-  const dim = list.reduce((most, m) => Math.max(most, m.row.length), 0);
-  const row = joints ?? Array.from({ length: dim }, (_, j) => j);
-  /** Where the next key of each joint is. */
-  const next = new Map<number, number>();
-  const made: Mark[] = [];
-  for (const m of [...list].reverse()) {
-    const own = row.filter((j) => typeof m.row[j] === "number");
-    const ends = own.map((j) => next.get(j));
-    // What end-effector goals lead to is a value, too.
-    for (const j of m.points.length ? row : own) next.set(j, m.x);
-    if (m.x > right || (own.length === 0 && joints)) continue;
-    const after = ends.filter((x) => x !== undefined);
-    const mark: Mark = own.length
-      ? {
-          ...m,
-          hold: Math.max(m.x, ...ends.map((x) => Math.min(m.hold, x ?? m.hold))),
-          until: after.length ? Math.max(...after) : undefined,
-          kept: after.length < ends.length && m.fill !== "mask" ? m.end : undefined,
-          whole: joints !== undefined && own.length === joints.length,
-        }
-      : { ...m, whole: false };
-    if (isSeen(mark)) made.push(mark);
+/** The keys that have a goal in this row. Holds and fills go as far as the row's joints go that have no key of their
+ * own before. Without `joints` it is the row of all, which shows every key. */
+export function ofRow(list: Mark[], joints: number[] | undefined): Glyph[] {
+  const made: Glyph[] = [];
+  for (const m of list) {
+    let [own, hold, until, last] = [0, m.x, Number.NEGATIVE_INFINITY, false];
+    for (let k = 0; k < (joints ?? m.row).length; k++) {
+      const j = joints ? (joints[k] ?? -1) : k;
+      if (typeof m.row[j] !== "number") continue;
+      own++;
+      const next = m.next(j);
+      hold = Math.max(hold, Math.min(m.hold, next ?? m.hold));
+      if (next === undefined) last = true;
+      else until = Math.max(until, next);
+    }
+    if (own === 0 && joints) continue;
+    const shape: Glyph = {
+      x: m.x,
+      hold: own ? hold : m.hold,
+      until: own === 0 ? m.until : until === Number.NEGATIVE_INFINITY ? undefined : until,
+      kept: own === 0 ? m.kept : last && m.fill !== "mask" ? m.end : undefined,
+      fill: m.fill,
+      held: m.held,
+      selected: m.selected,
+      whole: joints !== undefined && own === joints.length,
+    };
+    if (isSeen(shape)) made.push(shape);
   }
-  return made.reverse();
+  return made;
 }
 
 /** The keys that place this point; a key for some joints only is taken for one that does not move it. */
-export function ofPoint(list: Mark[], name: string): Mark[] {
-  let next: Mark | undefined;
-  const made: Mark[] = [];
-  for (const m of [...list].reverse()) {
-    if (m.points.includes(name)) made.push({ ...m, until: next?.x, whole: true });
-    if (m.points.length || m.full) next = m;
-  }
-  return made.reverse();
+export function ofPoint(list: Mark[], name: string): Glyph[] {
+  return list
+    .filter((m) => m.points.includes(name))
+    .map((m) => ({ ...m, until: m.nextPlaced(), whole: true }));
 }
 
 export interface Bar {
@@ -158,7 +212,7 @@ export interface Bar {
 }
 
 /** Holds and fills; those of one kind that touch are one. */
-export function bars(list: Mark[]): Bar[] {
+export function bars(list: Glyph[]): Bar[] {
   const made: Bar[] = [];
   const open = new Map<Ink, Bar>();
   const add = (ink: Ink, from: number, to: number): void => {
@@ -186,7 +240,7 @@ export interface Diamond {
 }
 
 /** Diamonds, as many as the eye can part. */
-export function diamonds(list: Mark[]): Diamond[] {
+export function diamonds(list: Glyph[]): Diamond[] {
   const last = new Map<string, number>();
   return list.flatMap((m) => {
     const ink = m.selected ? "selected" : m.whole ? "whole" : "part";
