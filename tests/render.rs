@@ -158,7 +158,7 @@ fn mistakes_are_named_before_any_work() {
 }
 
 /// Whether the process handles this signal by itself.
-fn catches(pid: u32, signal: u32) -> bool {
+pub(crate) fn catches(pid: u32, signal: u32) -> bool {
     let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap_or_default();
     let mask = status.lines().find_map(|l| l.strip_prefix("SigCgt:")).unwrap_or("0");
     u64::from_str_radix(mask.trim(), 16).unwrap_or(0) >> (signal - 1) & 1 == 1

@@ -24,8 +24,8 @@ use crate::net::forward::Forwards;
 use crate::progress::Cancel;
 use crate::robot::{PlantRange, Robot};
 use crate::rollout::{
-    self, Case, CaseResult, EvalConfig, Evaluation, PolicyConfig, Start, Suite, evaluate_on, floor,
-    mean_ci95, tasks, test_suites,
+    self, Case, CaseResult, EvalConfig, Evaluation, INTERRUPTED, PolicyConfig, Start, Suite,
+    evaluate_on, floor, mean_ci95, tasks, test_suites,
 };
 
 /// The name of the suite of single files and tasks.
@@ -110,6 +110,9 @@ struct Report<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
     device: Option<&'a str>,
     wall_secs: f64,
+    /// Whether rollouts are missing, because the evaluation was interrupted.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    interrupted: bool,
     suites: Vec<SuiteFacts>,
     results: &'a [Evaluation],
 }
@@ -184,7 +187,11 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     for note in device.as_ref().map(GpuForwards::notes).into_iter().flatten() {
         tracing::warn!("{note}");
     }
-    let results = results?;
+    let found = results?;
+    let results = found.results;
+    if found.finished == 0 {
+        return Err(rollout::Error::Cancelled { frame: 0 }.into());
+    }
 
     let report = Report {
         robot: robot.id(),
@@ -194,6 +201,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         threads: config.threads,
         device: device.as_ref().map(|d| d.gpu().name()),
         wall_secs: begin.elapsed().as_secs_f64(),
+        interrupted: found.finished < found.wanted,
         suites: suites.iter().map(|s| SuiteFacts::of(s, &robot)).collect(),
         results: &results,
     };
@@ -217,6 +225,13 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         let tables: Vec<String> =
             suites.iter().map(|s| table(&robot, &s.name, plant, &results)).collect();
         input::say(args.takes_stdout(), &tables.join("\n\n"))?;
+    }
+    if found.finished < found.wanted {
+        let why = format!(
+            "interrupted after {} of {} rollouts; the others have no figures, and a mean needs all of its tasks",
+            found.finished, found.wanted
+        );
+        return Err(Failure::with(Exit::Interrupted, why));
     }
     match args.max_precision {
         Some(limit) => check(&results, limit, report.unit),
@@ -449,6 +464,11 @@ fn table(robot: &Robot, suite: &str, plant: PlantRange, results: &[Evaluation]) 
     let has_floor = floors.iter().any(Option::is_some);
     header.extend(has_floor.then(|| "floor".to_owned()));
     let mut t = out::table(&header.iter().map(String::as_str).collect::<Vec<_>>());
+    // A policy whose rollouts were interrupted did not fail.
+    let interrupted =
+        |c: &&Evaluation| c.tasks.iter().any(|t| t.error.as_deref() == Some(INTERRUPTED));
+    let missing: Vec<&str> =
+        columns.iter().map(|c| if interrupted(c) { "-" } else { "failed" }).collect();
     let rows = columns.first().map_or(0, |c| c.tasks.len());
     for row in 0..rows {
         let values: Vec<Option<f64>> =
@@ -457,11 +477,11 @@ fn table(robot: &Robot, suite: &str, plant: PlantRange, results: &[Evaluation]) 
             columns.iter().map(|c| c.tasks.get(row).and_then(|t| t.ci95)).collect();
         let name = columns.first().and_then(|c| c.tasks.get(row)).map_or("", |t| t.name.as_str());
         let floor = has_floor.then(|| floors.get(row).copied().flatten().map_or("-".into(), short));
-        t.add_row(cells(name, &values, &cis).into_iter().chain(floor));
+        t.add_row(cells(name, &values, &cis, &missing).into_iter().chain(floor));
     }
     let means: Vec<Option<f64>> = columns.iter().map(|c| c.precision_mean).collect();
     let cis: Vec<Option<f64>> = columns.iter().map(|c| c.ci95).collect();
-    t.add_row(cells("mean", &means, &cis));
+    t.add_row(cells("mean", &means, &cis, &missing));
     for (name, figure) in FIGURES {
         let cells: Vec<Option<String>> = columns.iter().map(|c| figure(c)).collect();
         if cells.iter().any(Option::is_some) {
@@ -498,7 +518,7 @@ fn table(robot: &Robot, suite: &str, plant: PlantRange, results: &[Evaluation]) 
     }
     for c in &columns {
         for task in &c.tasks {
-            if let Some(e) = &task.error {
+            if let Some(e) = task.error.as_deref().filter(|e| *e != INTERRUPTED) {
                 write!(text, "\n{} {}: {e}", c.policy, task.name).ok();
             }
         }
@@ -559,13 +579,13 @@ fn spread(mean: Option<f64>, worst: Option<f64>) -> Option<String> {
     Some(format!("{:.2} ({:.2})", mean?, worst?))
 }
 
-/// A row of Precisions, with a mark at the best one.
-fn cells(name: &str, values: &[Option<f64>], cis: &[Option<f64>]) -> Vec<String> {
+/// A row of Precisions, with a mark at the best one; `missing` stands where there is none.
+fn cells(name: &str, values: &[Option<f64>], cis: &[Option<f64>], missing: &[&str]) -> Vec<String> {
     let best = values.iter().flatten().copied().min_by(f64::total_cmp);
     let mut cells = vec![name.to_owned()];
-    for (v, ci) in values.iter().zip(cis) {
+    for ((v, ci), missing) in values.iter().zip(cis).zip(missing) {
         cells.push(match v {
-            None => "failed".to_owned(),
+            None => (*missing).to_owned(),
             Some(v) => {
                 let mark = if values.len() > 1 && Some(*v) == best { "* " } else { "" };
                 let ci = ci.map_or_else(String::new, |c| format!(" ±{c:.5}"));
@@ -582,7 +602,11 @@ fn short(v: f64) -> String {
 }
 
 fn average(e: &Evaluation, f: impl Fn(&crate::rollout::CaseResult) -> f64) -> String {
-    format!("{:.3}", e.tasks.iter().map(f).sum::<f64>() / e.tasks.len().max(1) as f64)
+    let done: Vec<f64> = e.tasks.iter().filter(|t| t.error.is_none()).map(f).collect();
+    if done.is_empty() {
+        return "-".to_owned();
+    }
+    format!("{:.3}", done.iter().sum::<f64>() / done.len() as f64)
 }
 
 fn rows_csv(results: &[Evaluation]) -> Outcome<Vec<u8>> {

@@ -87,7 +87,8 @@ pub use run::{Frame, Rollout, RolloutConfig, Start};
 pub use sampling::{PredictiveSampling, SamplingConfig};
 pub use stats::{Interval, mean_ci95};
 pub use suite::{
-    Case, CaseResult, EvalConfig, Evaluation, Floor, Jam, Suite, evaluate, evaluate_on,
+    Case, CaseResult, EvalConfig, Evaluation, Floor, Found, INTERRUPTED, Jam, Suite, evaluate,
+    evaluate_on,
 };
 pub use trial::Trial;
 pub use window::{COMMAND, Goals, HISTORY, Window};

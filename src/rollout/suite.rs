@@ -241,6 +241,21 @@ struct Job {
     seed: u64,
 }
 
+/// What an evaluation found.
+#[derive(Debug)]
+pub struct Found {
+    /// One result per suite and policy, in that order. A rollout that an interruption prevented is a failure in
+    /// its row, called [`INTERRUPTED`].
+    pub results: Vec<Evaluation>,
+    /// Rollouts that were finished.
+    pub finished: usize,
+    /// Rollouts that were wanted.
+    pub wanted: usize,
+}
+
+/// Why a rollout has no figures after an interruption.
+pub const INTERRUPTED: &str = "interrupted";
+
 /// Rolls out every case with every policy and seed, on all cores. There is one result per suite and
 /// policy, in that order. The results do not depend on the number of threads.
 ///
@@ -255,15 +270,19 @@ pub fn evaluate(
     progress: &dyn Progress,
     cancel: &Cancel,
 ) -> Result<Vec<Evaluation>, Error> {
-    evaluate_on(robot, suites, config, None, progress, cancel)
+    let found = evaluate_on(robot, suites, config, None, progress, cancel)?;
+    if found.finished < found.wanted {
+        return Err(Error::Cancelled { frame: 0 });
+    }
+    Ok(found.results)
 }
 
 /// As [`evaluate`], with the networks of trained policies on a device. The device computes the
 /// windows of all rollouts that run at once, so more threads than cores are useful. `auto` and
-/// refined policies stay with the processor.
+/// refined policies stay with the processor. What was finished before an interruption is kept.
 ///
 /// # Errors
-/// As [`evaluate`].
+/// As [`evaluate`], but for [`Error::Cancelled`].
 pub fn evaluate_on(
     robot: &Arc<Robot>,
     suites: &[Suite],
@@ -271,7 +290,7 @@ pub fn evaluate_on(
     device: Option<&dyn Forwards>,
     progress: &dyn Progress,
     cancel: &Cancel,
-) -> Result<Vec<Evaluation>, Error> {
+) -> Result<Found, Error> {
     // Built once: a model file is read, checked and packed for all its rollouts together.
     let templates: Vec<Template> =
         config.policies.iter().map(|p| Template::new(robot, p)).collect::<Result<_, _>>()?;
@@ -291,7 +310,10 @@ pub fn evaluate_on(
     }
     let labels = labels(&config.policies);
     let found = all(robot, suites, config, &templates, &labels, &jobs, progress, cancel)?;
-    let mut outcomes = found.into_iter();
+    let wanted = found.len();
+    let finished = found.iter().flatten().count();
+    let interrupted = || Outcome { error: Some(INTERRUPTED.to_owned()), ..Outcome::default() };
+    let mut outcomes = found.into_iter().map(|one| one.unwrap_or_else(interrupted));
 
     let nominal = config.plant == PlantRange::default();
     let ilqr = config.policies.iter().position(|p| nominal && *p == PolicyConfig::floor());
@@ -318,7 +340,7 @@ pub fn evaluate_on(
             against_floors(robot, suite, ilqr, of_suite);
         }
     }
-    Ok(results)
+    Ok(Found { results, finished, wanted })
 }
 
 /// Sets the figures relative to the floors: those of this run if iLQR is one of the policies, else
@@ -338,8 +360,8 @@ fn against_floors(robot: &Robot, suite: &Suite, ilqr: Option<usize>, results: &m
     }
 }
 
-/// The outcomes of the jobs, in their order. Those with a search take much longer. They come last,
-/// as a part with its own progress, so that the time left can be told.
+/// The outcomes of the jobs, in their order; `None` of those that an interruption prevented. Those with a search
+/// take much longer. They come last, as a part with its own progress, so that the time left can be told.
 fn all(
     robot: &Arc<Robot>,
     suites: &[Suite],
@@ -349,26 +371,25 @@ fn all(
     jobs: &[Job],
     progress: &dyn Progress,
     cancel: &Cancel,
-) -> Result<Vec<Outcome>, Error> {
+) -> Result<Vec<Option<Outcome>>, Error> {
     let (search, direct): (Vec<usize>, Vec<usize>) =
         (0..jobs.len()).partition(|&at| config.policies[jobs[at].policy].is_tried());
-    let mut outcomes = Vec::with_capacity(jobs.len());
+    let mut outcomes: Vec<Option<Outcome>> = jobs.iter().map(|_| None).collect();
     let has_both = !direct.is_empty() && !search.is_empty();
     for (what, part) in [("perform", direct), ("search", search)] {
-        if part.is_empty() {
+        if part.is_empty() || cancel.is_cancelled() {
             continue;
         }
         if has_both {
             progress.phase(what, "frames");
         }
         let found = some(robot, suites, config, templates, labels, (jobs, &part), progress, cancel);
-        outcomes.extend(found?);
+        found?.into_iter().for_each(|(at, one)| outcomes[at] = Some(one));
     }
-    outcomes.sort_by_key(|(at, _)| *at);
-    Ok(outcomes.into_iter().map(|(_, o)| o).collect())
+    Ok(outcomes)
 }
 
-/// The outcomes of some jobs, each with its place among all. Progress counts frames.
+/// The outcomes of some jobs that were finished, each with its place among all. Progress counts frames.
 fn some(
     robot: &Arc<Robot>,
     suites: &[Suite],
@@ -394,7 +415,7 @@ fn some(
             let policy = &config.policies[job.policy];
             let drawn = (job.seed, config.plant.draw(job.seed));
             let mut begin = std::time::Instant::now();
-            let (mut outcome, chosen) = templates[job.policy]
+            let done_one = templates[job.policy]
                 .rollout(robot, policy, case, drawn, cancel)
                 .and_then(|(rollout, chosen)| {
                     if chosen.is_none() {
@@ -402,8 +423,11 @@ fn some(
                         begin = std::time::Instant::now();
                     }
                     Ok((one(rollout, case, &[cancel, &stop])?, chosen))
-                })
-                .inspect_err(|_| stop.cancel())?;
+                });
+            let (mut outcome, chosen) = match done_one {
+                Err(Error::Cancelled { .. }) => return Ok(mine),
+                other => other.inspect_err(|_| stop.cancel())?,
+            };
             // Nor do its figures belong to it.
             outcome.wall_secs = begin.elapsed().as_secs_f64() - outcome.measuring_secs;
             outcome.chosen = chosen;
@@ -414,16 +438,10 @@ fn some(
     };
     let finished = parallel::on_threads(config.threads.min(part.len()), work);
     let mut outcomes = Vec::with_capacity(part.len());
-    let mut error: Option<Error> = None;
     for part in finished {
-        match part {
-            Ok(part) => outcomes.extend(part),
-            // Returns the cause, not the cancellations that it led to.
-            Err(e) if matches!(error, None | Some(Error::Cancelled { .. })) => error = Some(e),
-            Err(_) => {}
-        }
+        outcomes.extend(part?);
     }
-    error.map_or(Ok(outcomes), Err)
+    Ok(outcomes)
 }
 
 /// Mean over tasks, with the interval over seeds: each seed gives one mean. `None` when a

@@ -3,7 +3,8 @@
 use serde_json::Value;
 
 use super::HOP;
-use crate::run::robert;
+use crate::render::catches;
+use crate::run::{binary, robert};
 
 /// `results[i]` of a report, by policy.
 fn result<'a>(report: &'a Value, policy: &str) -> &'a Value {
@@ -212,4 +213,34 @@ fn suites_have_other_names_and_final_is_the_other_halves() {
     assert_eq!(names(&all), names(&halves));
     assert!(names(&all).iter().all(|n| !names(&report("drawn,fast,touch")).contains(n)));
     assert_eq!(report("heldout")["results"][0]["suite"], "validation");
+}
+
+#[test]
+fn an_interruption_keeps_what_was_finished() {
+    // A minute's work.
+    let child = std::process::Command::new(binary())
+        .args(["eval", "--robot", "pointmass", "--suite", "manual", "-q", "--json"])
+        .args(["--policy", "pd", "--seeds", "1000", "--threads", "1"])
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    while !catches(child.id(), 2) {
+        std::thread::yield_now();
+    }
+    std::thread::sleep(std::time::Duration::from_secs(1));
+    let pid = child.id().to_string();
+    assert!(std::process::Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
+    let out = child.wait_with_output().unwrap();
+    let stderr = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(130), "{stderr}");
+    assert!(
+        stderr.contains("interrupted after") && stderr.contains("of 15000 rollouts"),
+        "{stderr}"
+    );
+    let report: Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert_eq!(report["interrupted"], true);
+    let tasks = result(&report, "pd")["tasks"].as_array().unwrap();
+    assert_eq!((tasks.len(), &tasks[14]["error"]), (15, &"interrupted".into()));
+    assert!(tasks[14]["precision"].is_null() && report["results"][0]["precision_mean"].is_null());
 }

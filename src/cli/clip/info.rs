@@ -82,10 +82,10 @@ pub(super) fn info(a: &Info) -> Outcome {
     row("length", format!("{} frames, {:.2} s", facts.frames, facts.secs));
     row("keys", facts.keys.to_string());
     row("fill", facts.fill.word().to_owned());
-    row("visible", format!("{} frames ({:.0} % masked)", full, facts.mask_ratio * 100.0));
-    if partial > 0 {
-        row("partly visible", format!("{partial} frames"));
-    }
+    let some = if partial > 0 { format!(", {partial} of some joints") } else { String::new() };
+    let masked = clip.length - full - partial as u32;
+    let share = facts.mask_ratio * 100.0;
+    row("commanded", format!("{full} frames of all joints{some}; {masked} masked ({share:.0} %)"));
     row("poses", names(clip.poses.keys()));
     row("offsets", facts.offsets.to_string());
     row("mask spans", facts.masks.to_string());
