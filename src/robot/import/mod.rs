@@ -315,10 +315,10 @@ fn named(e: Error, drafted: &Path, text: &str, project: &preparse::Project) -> E
                         .replace(&format!(", line {line}"), "")
                         .replace(&format!(", line = {line}, column = -1"), "");
                     match Origin::of(text, line, 1, source) {
-                        Origin::Line(line) => format!("{to}:{line}:1: {what}"),
-                        Origin::Excerpt(tag) => {
-                            format!("{to}: {what}; the line is {tag}")
+                        Origin::Line { path, line } => {
+                            format!("{}:{line}:1: {what}", path.display())
                         }
+                        Origin::Excerpt(tag) => format!("{to}: {what}; the line is {tag}"),
                     }
                 }
             };
