@@ -48,11 +48,11 @@ pub(super) struct ModelFlags {
     /// Force limit of motors whose source names none, N m or N [default: enough to carry the robot].
     #[arg(long)]
     effort: Option<f64>,
-    /// Weld a joint at its zero. May be repeated.
-    #[arg(long = "weld", value_name = "JOINT")]
+    /// Weld joints at their zeros. May be repeated.
+    #[arg(long = "weld", value_name = "JOINT,...", value_delimiter = ',')]
     weld: Vec<String>,
-    /// Leave a body out, with everything that refers to it (MJCF). May be repeated.
-    #[arg(long, value_name = "BODY")]
+    /// Leave bodies out, with everything that refers to them (MJCF). May be repeated.
+    #[arg(long, value_name = "BODY,...", value_delimiter = ',')]
     without: Vec<String>,
     /// Leave out meshes whose files are missing, also those that collide, and textures.
     #[arg(long)]

@@ -13,6 +13,7 @@
 //! Rejected: describing robots in Rust (users could not add their own), and deriving everything
 //! from the model (no model contains a mirror table or the name of a pose).
 
+mod apart;
 mod asset_dirs;
 mod bounds;
 mod builtin;

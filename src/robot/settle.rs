@@ -115,7 +115,7 @@ impl Robot {
 }
 
 /// The drive, and how far it has led the joints.
-struct Drive {
+pub(super) struct Drive {
     target: Vec<f64>,
     /// The place of each joint on its way to the target. A position servo without a force limit
     /// would throw a light finger to a distant target.
@@ -131,7 +131,7 @@ struct Drive {
 }
 
 impl Drive {
-    fn new(robot: &Robot, start: &[f64], target: &[f64]) -> Result<Drive, Error> {
+    pub(super) fn new(robot: &Robot, start: &[f64], target: &[f64]) -> Result<Drive, Error> {
         let laws = robot.actuators().iter().map(|a| a.law).collect();
         let limit = robot.actuators().iter().map(|a| a.ctrlrange).collect();
         let half = 0.5 * f64::from(robot.profile().settle.frames) * CTRL_DT;
@@ -144,15 +144,21 @@ impl Drive {
         Ok(Drive { target: target.to_vec(), place: start.to_vec(), pace, laws, limit, loops })
     }
 
+    /// Holds the robot in this pose from now on.
+    pub(super) fn hold(&mut self, pose: &[f64]) {
+        self.target.copy_from_slice(pose);
+        self.place.copy_from_slice(pose);
+    }
+
     /// What loops transmit at this pose; `None` without loops.
-    fn transmission(&mut self, data: &Data) -> Result<Option<Transmission>, Error> {
+    pub(super) fn transmission(&mut self, data: &Data) -> Result<Option<Transmission>, Error> {
         self.loops.as_mut().map(|loops| loops.at(data.qpos())).transpose()
     }
 
     /// The controls whose joint forces are nearest (least squares) to the wanted ones. A position
     /// servo is commanded to the length that it has at the joints' places on the way, corrected for
     /// the deflection by its load.
-    fn ctrl(
+    pub(super) fn ctrl(
         &mut self,
         robot: &Robot,
         data: &Data,

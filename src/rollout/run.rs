@@ -19,7 +19,8 @@ use robert_robot::{PlantConfig, Robot};
 /// The start of a rollout.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Start {
-    /// At the clip's start pose, at rest, as if it had been held for 30 frames.
+    /// At the clip's start pose, at rest, as if it had been held for 30 frames. Parts that overlap in it begin where
+    /// contact pushes them apart ([`Robot::apart`]).
     Pose,
     /// In the middle of a recorded motion.
     Recorded {
@@ -88,6 +89,8 @@ pub struct Rollout {
     /// Those corrections; (frames, S).
     shift: Option<Vec<f64>>,
     start_pose: Vec<f64>,
+    /// Where a rollout from that pose begins; (S).
+    from: Vec<f64>,
     plant: Data,
     substeps: usize,
     window: Window,
@@ -147,6 +150,7 @@ impl Rollout {
             led: plan,
             shift: None,
             goals,
+            from: from(robot, &start_pose)?,
             start_pose,
             plant,
             substeps,
@@ -172,9 +176,9 @@ impl Rollout {
         match &self.start {
             Start::Pose => {
                 for _ in 0..=HISTORY {
-                    self.reached.extend_from_slice(&self.start_pose);
+                    self.reached.extend_from_slice(&self.from);
                 }
-                self.robot.write_state(&mut self.plant, &self.start_pose)?;
+                self.robot.write_state(&mut self.plant, &self.from)?;
             }
             Start::Recorded { history, state, velocity } => {
                 let lengths =
@@ -310,11 +314,13 @@ impl Rollout {
         }
         let start_pose = pose(command);
         let moved = self.start == Start::Pose && start_pose != self.start_pose;
+        let from = moved.then(|| from(&self.robot, &start_pose)).transpose()?;
         let plan = plan(&goals, self.config.guide);
         let first = if moved { Some(0) } else { self.first_difference(&self.led, &plan) };
         (self.goals, self.led, self.plan, self.shift) = (goals, plan.clone(), plan, None);
         self.start_pose = start_pose;
-        if moved {
+        if let Some(from) = from {
+            self.from = from;
             self.rewind()?;
             return Ok(0);
         }
@@ -545,6 +551,11 @@ impl std::fmt::Debug for Rollout {
 
 fn pose(command: &Command) -> Vec<f64> {
     command.start().iter().map(|&v| f64::from(v)).collect()
+}
+
+/// Where a rollout from the start pose begins; (S).
+fn from(robot: &Robot, start_pose: &[f64]) -> Result<Vec<f64>, Error> {
+    Ok(robot.apart(start_pose)?.unwrap_or_else(|| start_pose.to_vec()))
 }
 
 /// The goals as the guide leaves them for the policy.

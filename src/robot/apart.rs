@@ -1,0 +1,85 @@
+//! The pose near one in which parts overlap.
+//!
+//! A person draws a thumb into a finger. If a rollout began so, contact would throw them apart within a frame, and
+//! where they land is chance. Here contact pushes them apart as slowly as it likes: after each step of the simulator
+//! every speed is taken away. The motors carry the robot and do nothing else.
+
+use super::settle::Drive;
+use super::{Error, Robot};
+use robert_mujoco::Data;
+
+/// Parts that overlap by less begin without a jolt, m. Contact is soft: parts that rest on each other overlap a little.
+const DEEP: f64 = 1e-3;
+/// The largest number of steps.
+const MOST: usize = 200;
+
+impl Robot {
+    /// The pose, (`state_dim`), to which contact pushes the robot from `pose`; `None` if nothing overlaps by a millimetre
+    /// in it, or if the simulator cannot take it apart.
+    ///
+    /// # Errors
+    /// [`Error::Length`], [`Error::Simulator`] when no simulation can be made.
+    pub fn apart(&self, pose: &[f64]) -> Result<Option<Vec<f64>>, Error> {
+        let mut data = Data::new(self.model())?;
+        self.write_state(&mut data, pose)?;
+        data.forward()?;
+        if deepest(&data) <= DEEP {
+            return Ok(None);
+        }
+        Ok(self.push_apart(&mut data).ok())
+    }
+
+    fn push_apart(&self, data: &mut Data) -> Result<Vec<f64>, Error> {
+        let still = vec![0.0; self.model().nv()];
+        let here = self.state(data);
+        let mut drive = Drive::new(self, &here, &here)?;
+        for _ in 0..MOST {
+            drive.hold(&self.state(data));
+            let transmission = drive.transmission(data)?;
+            let ctrl = drive.ctrl(self, data, transmission.as_ref())?;
+            data.set_ctrl(&ctrl)?;
+            data.step(1)?;
+            data.set_qvel(&still)?;
+            data.forward()?;
+            if deepest(data) <= DEEP {
+                break;
+            }
+        }
+        Ok(self.state(data))
+    }
+}
+
+/// By how much two parts overlap at most, m.
+fn deepest(data: &Data) -> f64 {
+    data.contacts().map(|contact| -contact.dist).fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_thumb_in_a_finger_comes_out_and_nothing_else_moves() {
+        let robot = Robot::builtin("shadow_hand").unwrap();
+        let home = robot.home();
+        assert_eq!(robot.apart(&home).unwrap(), None);
+        let mut fist = home.clone();
+        for (joint, value) in
+            [("FFJ3", 1.4), ("FFJ2", 1.2), ("FFJ1", 1.2), ("THJ5", 0.5), ("THJ4", 1.2)]
+        {
+            fist[robot.joint_index(joint).unwrap()] = value;
+        }
+        let apart = robot.apart(&fist).unwrap().expect("they overlap");
+        let mut data = Data::new(robot.model()).unwrap();
+        robot.write_state(&mut data, &apart).unwrap();
+        data.forward().unwrap();
+        assert!(deepest(&data) <= 1.1 * DEEP, "{}", deepest(&data));
+        let moved = |name: &str| {
+            let j = robot.joint_index(name).unwrap();
+            (apart[j] - fist[j]).abs()
+        };
+        assert!(moved("THJ4") + moved("FFJ3") > 0.01);
+        assert!(moved("LFJ3") < 1e-3 && moved("RFJ3") < 1e-3);
+        assert!(robot.apart(&[0.0]).is_err());
+    }
+}
