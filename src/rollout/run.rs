@@ -89,8 +89,8 @@ pub struct Rollout {
     /// Those corrections; (frames, S).
     shift: Option<Vec<f64>>,
     start_pose: Vec<f64>,
-    /// Where a rollout from that pose begins; (S).
-    from: Vec<f64>,
+    /// The state at frame 0 of a rollout from that pose; (S).
+    first: Vec<f64>,
     plant: Data,
     substeps: usize,
     window: Window,
@@ -150,7 +150,7 @@ impl Rollout {
             led: plan,
             shift: None,
             goals,
-            from: from(robot, &start_pose)?,
+            first: first_state(robot, &start_pose)?,
             start_pose,
             plant,
             substeps,
@@ -176,9 +176,9 @@ impl Rollout {
         match &self.start {
             Start::Pose => {
                 for _ in 0..=HISTORY {
-                    self.reached.extend_from_slice(&self.from);
+                    self.reached.extend_from_slice(&self.first);
                 }
-                self.robot.write_state(&mut self.plant, &self.from)?;
+                self.robot.write_state(&mut self.plant, &self.first)?;
             }
             Start::Recorded { history, state, velocity } => {
                 let lengths =
@@ -314,13 +314,13 @@ impl Rollout {
         }
         let start_pose = pose(command);
         let moved = self.start == Start::Pose && start_pose != self.start_pose;
-        let from = moved.then(|| from(&self.robot, &start_pose)).transpose()?;
+        let first_state = moved.then(|| first_state(&self.robot, &start_pose)).transpose()?;
         let plan = plan(&goals, self.config.guide);
         let first = if moved { Some(0) } else { self.first_difference(&self.led, &plan) };
         (self.goals, self.led, self.plan, self.shift) = (goals, plan.clone(), plan, None);
         self.start_pose = start_pose;
-        if let Some(from) = from {
-            self.from = from;
+        if let Some(state) = first_state {
+            self.first = state;
             self.rewind()?;
             return Ok(0);
         }
@@ -553,8 +553,8 @@ fn pose(command: &Command) -> Vec<f64> {
     command.start().iter().map(|&v| f64::from(v)).collect()
 }
 
-/// Where a rollout from the start pose begins; (S).
-fn from(robot: &Robot, start_pose: &[f64]) -> Result<Vec<f64>, Error> {
+/// The state at frame 0 of a rollout from this pose; (S).
+fn first_state(robot: &Robot, start_pose: &[f64]) -> Result<Vec<f64>, Error> {
     Ok(robot.apart(start_pose)?.unwrap_or_else(|| start_pose.to_vec()))
 }
 
