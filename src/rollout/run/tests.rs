@@ -309,3 +309,25 @@ fn other_joints_are_refused() {
     let e = Rollout::new(&arm, policy, &command, Start::Pose, RolloutConfig::default());
     assert!(matches!(e, Err(Error::Joints { got: 2, want: 5, .. })), "{e:?}");
 }
+
+#[test]
+fn a_start_pose_whose_parts_overlap_begins_without_a_jolt() {
+    let robot = robot("shadow_hand");
+    let clip = crate::tasks::find("shadow_hand/flick_a_marble", None).unwrap();
+    let command = robert_clip::compile(&clip).unwrap();
+    let mut begun = rollout(&robot, PolicyName::Pd, &command);
+    let first = begun.reached().to_vec();
+    let start = pose(&command);
+    let most =
+        |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    assert!(most(&first, &start) > 0.01, "the thumb is in a finger");
+    let after = begun.step().unwrap().unwrap().reached.to_vec();
+    // It was .55 when contact threw them apart.
+    assert!(most(&after, &first) < 0.3, "{}", most(&after, &first));
+    // A clip that begins elsewhere, and this one again.
+    let home = self::command(&robot, 60, &[(30, 0.1)]);
+    begun.set_command(&home).unwrap();
+    assert_eq!(begun.reached(), pose(&home), "nothing overlaps there");
+    begun.set_command(&command).unwrap();
+    assert_eq!(begun.reached(), first);
+}
