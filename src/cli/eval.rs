@@ -24,8 +24,8 @@ use crate::net::forward::Forwards;
 use crate::progress::Cancel;
 use crate::robot::{PlantRange, Robot};
 use crate::rollout::{
-    self, Case, CaseResult, EvalConfig, Evaluation, INTERRUPTED, PolicyConfig, Start, Suite,
-    evaluate_on, floor, mean_ci95, tasks, test_suites,
+    self, Case, CaseResult, EvalConfig, Evaluation, PolicyConfig, Start, Suite, evaluate_on, floor,
+    mean_ci95, tasks, test_suites,
 };
 
 /// The name of the suite of single files and tasks.
@@ -208,7 +208,10 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     if let Some(path) = &args.csv {
         input::write(path, &rows_csv(&results)?)?;
     }
-    if let Some(dir) = &args.out {
+    let whole = found.finished == found.wanted;
+    // An interrupted evaluation must not take the place of a complete one.
+    let out = args.out.as_ref().filter(|dir| whole || !dir.join("results.json").exists());
+    if let Some(dir) = out {
         let json = serde_json::to_vec_pretty(&report).map_err(io::Error::other)?;
         fsio::write_atomic(&dir.join("results.json"), &json)?;
         fsio::write_atomic(&dir.join("results.csv"), &rows_csv(&results)?)?;
@@ -226,7 +229,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
             suites.iter().map(|s| table(&robot, &s.name, plant, &results)).collect();
         input::say(args.takes_stdout(), &tables.join("\n\n"))?;
     }
-    if found.finished < found.wanted {
+    if !whole {
         let why = format!(
             "interrupted after {} of {} rollouts; the others have no figures, and a mean needs all of its tasks",
             found.finished, found.wanted
@@ -464,11 +467,10 @@ fn table(robot: &Robot, suite: &str, plant: PlantRange, results: &[Evaluation]) 
     let has_floor = floors.iter().any(Option::is_some);
     header.extend(has_floor.then(|| "floor".to_owned()));
     let mut t = out::table(&header.iter().map(String::as_str).collect::<Vec<_>>());
-    // A policy whose rollouts were interrupted did not fail.
-    let interrupted =
-        |c: &&Evaluation| c.tasks.iter().any(|t| t.error.as_deref() == Some(INTERRUPTED));
-    let missing: Vec<&str> =
-        columns.iter().map(|c| if interrupted(c) { "-" } else { "failed" }).collect();
+    // What was interrupted did not fail.
+    let word = |interrupted: bool| if interrupted { "-" } else { "failed" };
+    let whole: Vec<bool> =
+        columns.iter().map(|c| !c.tasks.iter().any(CaseResult::is_interrupted)).collect();
     let rows = columns.first().map_or(0, |c| c.tasks.len());
     for row in 0..rows {
         let values: Vec<Option<f64>> =
@@ -477,13 +479,20 @@ fn table(robot: &Robot, suite: &str, plant: PlantRange, results: &[Evaluation]) 
             columns.iter().map(|c| c.tasks.get(row).and_then(|t| t.ci95)).collect();
         let name = columns.first().and_then(|c| c.tasks.get(row)).map_or("", |t| t.name.as_str());
         let floor = has_floor.then(|| floors.get(row).copied().flatten().map_or("-".into(), short));
+        let interrupted =
+            |c: &&Evaluation| c.tasks.get(row).is_some_and(CaseResult::is_interrupted);
+        let missing: Vec<&str> = columns.iter().map(|c| word(interrupted(c))).collect();
         t.add_row(cells(name, &values, &cis, &missing).into_iter().chain(floor));
     }
     let means: Vec<Option<f64>> = columns.iter().map(|c| c.precision_mean).collect();
     let cis: Vec<Option<f64>> = columns.iter().map(|c| c.ci95).collect();
+    let missing: Vec<&str> = whole.iter().map(|whole| word(!whole)).collect();
     t.add_row(cells("mean", &means, &cis, &missing));
+    // Figures of some tasks only cannot stand beside those of all.
+    let of_whole = || columns.iter().zip(&whole);
     for (name, figure) in FIGURES {
-        let cells: Vec<Option<String>> = columns.iter().map(|c| figure(c)).collect();
+        let cells: Vec<Option<String>> =
+            of_whole().map(|(c, whole)| figure(c).filter(|_| *whole)).collect();
         if cells.iter().any(Option::is_some) {
             let cells = cells.into_iter().map(|c| c.unwrap_or_else(|| "-".to_owned()));
             t.add_row(std::iter::once(name.to_owned()).chain(cells));
@@ -491,11 +500,13 @@ fn table(robot: &Robot, suite: &str, plant: PlantRange, results: &[Evaluation]) 
     }
     t.add_row(
         std::iter::once("mean |du|".to_owned())
-            .chain(columns.iter().map(|c| average(c, |t| t.mean_abs_du))),
+            .chain(of_whole().map(|(c, whole)| average(c, *whole, |t| t.mean_abs_du))),
     );
     t.add_row(
         std::iter::once("ms per frame".to_owned()).chain(
-            columns.iter().map(|c| average(c, |t| 1e3 * t.wall_secs / t.frames.max(1) as f64)),
+            of_whole().map(|(c, whole)| {
+                average(c, *whole, |t| 1e3 * t.wall_secs / t.frames.max(1) as f64)
+            }),
         ),
     );
     out::right(&mut t, 1);
@@ -518,7 +529,7 @@ fn table(robot: &Robot, suite: &str, plant: PlantRange, results: &[Evaluation]) 
     }
     for c in &columns {
         for task in &c.tasks {
-            if let Some(e) = task.error.as_deref().filter(|e| *e != INTERRUPTED) {
+            if let Some(e) = task.error.as_ref().filter(|_| !task.is_interrupted()) {
                 write!(text, "\n{} {}: {e}", c.policy, task.name).ok();
             }
         }
@@ -601,12 +612,11 @@ fn short(v: f64) -> String {
     if v > 0.0 && v < 5e-6 { "<0.00001".to_owned() } else { format!("{v:.5}") }
 }
 
-fn average(e: &Evaluation, f: impl Fn(&crate::rollout::CaseResult) -> f64) -> String {
-    let done: Vec<f64> = e.tasks.iter().filter(|t| t.error.is_none()).map(f).collect();
-    if done.is_empty() {
+fn average(e: &Evaluation, whole: bool, f: impl Fn(&CaseResult) -> f64) -> String {
+    if !whole {
         return "-".to_owned();
     }
-    format!("{:.3}", done.iter().sum::<f64>() / done.len() as f64)
+    format!("{:.3}", e.tasks.iter().map(f).sum::<f64>() / e.tasks.len().max(1) as f64)
 }
 
 fn rows_csv(results: &[Evaluation]) -> Outcome<Vec<u8>> {
@@ -639,6 +649,7 @@ fn rows_csv(results: &[Evaluation]) -> Outcome<Vec<u8>> {
     let cell = |v: Option<f64>| v.map_or_else(String::new, |v| v.to_string());
     for r in results {
         for t in &r.tasks {
+            let ran = !t.is_interrupted();
             w.write_record([
                 r.suite.clone(),
                 t.name.clone(),
@@ -658,9 +669,9 @@ fn rows_csv(results: &[Evaluation]) -> Outcome<Vec<u8>> {
                 cell(t.p95),
                 cell(t.hold_end),
                 cell(t.frames_late),
-                t.mean_abs_du.to_string(),
-                t.wall_secs.to_string(),
-                t.frames.to_string(),
+                cell(ran.then_some(t.mean_abs_du)),
+                cell(ran.then_some(t.wall_secs)),
+                if ran { t.frames.to_string() } else { String::new() },
                 t.error.clone().unwrap_or_default(),
             ])
             .map_err(io::Error::other)?;

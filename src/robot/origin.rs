@@ -65,12 +65,14 @@ impl Origin {
         let at = usize::try_from(line).unwrap_or(usize::MAX).saturating_sub(1);
         let whole = text.lines().nth(at).unwrap_or_default();
         let words = whole.trim();
+        // A file that cannot be read may have the same line.
+        let files = with_includes(path, source).filter(|_| !words.is_empty()).unwrap_or_default();
         let mut found = Vec::new();
-        for (path, source) in with_includes(path, source) {
+        for (path, source) in files {
             let alike = (1..).zip(source.lines()).filter(|(_, other)| other.trim() == words);
             found.extend(alike.map(|(line, _)| Origin::Line { path: path.clone(), line }));
         }
-        if found.len() == 1 && !words.is_empty() {
+        if found.len() == 1 {
             return found.remove(0);
         }
         let column = usize::try_from(column).unwrap_or(usize::MAX).saturating_sub(1);
@@ -85,27 +87,36 @@ fn read(path: &Path) -> Option<String> {
     Some(String::from_utf8_lossy(&bytes).into_owned())
 }
 
-/// A model file and the files that it includes, with their texts. That they may be read was checked before.
-fn with_includes(main: &Path, text: String) -> Vec<(PathBuf, String)> {
+/// A model file and the files that it includes, with their texts; `None` if one of them cannot be read, or is named by a
+/// complete path. That includes stay in their folder was checked when the model was read.
+fn with_includes(main: &Path, text: String) -> Option<Vec<(PathBuf, String)>> {
     let folder = main.parent().unwrap_or(Path::new(""));
+    let mut known = vec![main.canonicalize().ok()?];
+    let mut left = limits::MODEL_BYTES.checked_sub(text.len() as u64)?;
     let mut all = vec![(main.to_owned(), text)];
     let mut next = 0;
     while let Some((_, text)) = all.get(next) {
-        let files: Vec<PathBuf> = match xml::parse(text, limits::XML_ELEMENTS) {
-            Ok(doc) => {
-                let includes = doc.descendants().filter(|n| n.has_tag_name("include"));
-                includes.filter_map(|n| Some(folder.join(n.attribute("file")?))).collect()
+        let doc = xml::parse(text, limits::XML_ELEMENTS).ok()?;
+        let includes = doc.descendants().filter(|n| n.has_tag_name("include"));
+        let names = includes.map(|n| Some(PathBuf::from(n.attribute("file")?.replace('\\', "/"))));
+        let names: Vec<PathBuf> = names.collect::<Option<_>>()?;
+        for name in names {
+            if name.is_absolute() {
+                return None;
             }
-            Err(_) => Vec::new(),
-        };
-        for file in files {
-            if all.len() < limits::PROJECT_FILES && all.iter().all(|(known, _)| *known != file) {
-                all.extend(read(&file).map(|text| (file, text)));
+            let file = folder.join(name);
+            let real = file.canonicalize().ok()?;
+            if known.contains(&real) {
+                continue;
             }
+            let text = read(&file)?;
+            left = left.checked_sub(text.len() as u64)?;
+            known.push(real);
+            all.push((file, text));
         }
         next += 1;
     }
-    all
+    Some(all)
 }
 
 #[cfg(test)]
@@ -133,7 +144,10 @@ mod tests {
         assert_eq!(of(7), "main.xml:4");
         // Nothing is read twice where files include each other.
         write("b.xml", "<x>\n  <joint/>\n  <include file=\"a.xml\"/>\n</x>\n");
-        assert_eq!(with_includes(&main, read(&main).unwrap()).len(), 3);
+        assert_eq!(with_includes(&main, read(&main).unwrap()).unwrap().len(), 3);
         assert_eq!(of(3), "b.xml:2");
+        // What cannot be read may have the line, too.
+        write("b.xml", "<x>\n  <joint/>\n  <include file=\"none.xml\"/>\n</x>\n");
+        assert_eq!(of(3), "<joint/>");
     }
 }

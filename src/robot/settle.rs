@@ -128,6 +128,8 @@ pub(super) struct Drive {
     laws: Vec<Option<Law>>,
     limit: Vec<[f64; 2]>,
     loops: Option<Loops>,
+    /// Whether it also carries the springs of joints.
+    holds: bool,
 }
 
 impl Drive {
@@ -141,13 +143,15 @@ impl Drive {
             .map(|(way, joint)| joint.speed_limit.max(way / half) * robot.model().timestep())
             .collect();
         let loops = Loops::of(robot)?;
-        Ok(Drive { target: target.to_vec(), place: start.to_vec(), pace, laws, limit, loops })
+        let (target, place) = (target.to_vec(), start.to_vec());
+        Ok(Drive { target, place, pace, laws, limit, loops, holds: false })
     }
 
-    /// Holds the robot in this pose from now on.
+    /// Holds the robot in this pose from now on, also against the springs of its joints.
     pub(super) fn hold(&mut self, pose: &[f64]) {
         self.target.copy_from_slice(pose);
         self.place.copy_from_slice(pose);
+        self.holds = true;
     }
 
     /// What loops transmit at this pose; `None` without loops.
@@ -168,6 +172,9 @@ impl Drive {
         let (nu, nv) = (model.nu(), model.nv());
         let settle = &robot.profile().settle;
         let mut load = DVector::from_column_slice(data.qfrc_bias());
+        if self.holds {
+            load -= DVector::from_column_slice(data.qfrc_passive());
+        }
         // What is wanted beside the load, and what slows a servo down that would swing.
         let (mut pull, mut brake) = (DVector::zeros(nv), DVector::zeros(nv));
         let mut ahead = DVector::zeros(nv);

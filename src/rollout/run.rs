@@ -89,7 +89,7 @@ pub struct Rollout {
     /// Those corrections; (frames, S).
     shift: Option<Vec<f64>>,
     start_pose: Vec<f64>,
-    /// The state at frame 0 of a rollout from that pose; (S).
+    /// The state at frame 0 of a rollout from that pose, (S); empty if it begins in a recorded motion.
     first: Vec<f64>,
     plant: Data,
     substeps: usize,
@@ -141,6 +141,10 @@ impl Rollout {
         let substeps = substeps(&model)?;
         let plant = Data::new(&model)?;
         let plan = plan(&goals, config.guide);
+        let first = match start {
+            Start::Pose => first_state(robot, &start_pose)?,
+            Start::Recorded { .. } => Vec::new(),
+        };
         let mut rollout = Rollout {
             robot: Arc::clone(robot),
             policy,
@@ -150,7 +154,7 @@ impl Rollout {
             led: plan,
             shift: None,
             goals,
-            first: first_state(robot, &start_pose)?,
+            first,
             start_pose,
             plant,
             substeps,

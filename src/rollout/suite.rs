@@ -136,9 +136,17 @@ impl CaseResult {
         Some(Floor { precision: self.precision?, off: self.off.clone() })
     }
 
+    /// Whether an interruption prevented one of its rollouts.
+    pub fn is_interrupted(&self) -> bool {
+        self.error.as_deref() == Some(INTERRUPTED)
+    }
+
     fn compare(&mut self, robot: &Robot, floor: Option<&Floor>) {
         let Some(floor) = floor else { return };
         self.floor = Some(floor.precision);
+        if self.is_interrupted() {
+            return;
+        }
         self.excess = excess(self.precision, floor.precision);
         let named =
             |o: Off| Jam { joint: robot.joints()[o.joint].name.clone(), from: o.from, to: o.to };
@@ -487,6 +495,10 @@ fn one(mut rollout: Rollout, case: &Case, stops: &[&Cancel]) -> Result<Outcome, 
         Ok(()) => {
             let begin = std::time::Instant::now();
             measure(&mut rollout, case, &mut outcome, &stopped);
+            if stopped() {
+                // Gaps may not have been repeated without contact.
+                return Err(Error::Cancelled { frame: rollout.frame() });
+            }
             outcome.measuring_secs = begin.elapsed().as_secs_f64();
             Ok(outcome)
         }
@@ -515,7 +527,10 @@ fn measure(rollout: &mut Rollout, case: &Case, outcome: &mut Outcome, stopped: &
 }
 
 fn summarise(case: &Case, outcomes: &[Outcome]) -> CaseResult {
-    let failed = outcomes.iter().find_map(|o| o.error.clone());
+    let errors = || outcomes.iter().filter_map(|o| o.error.clone());
+    let failed = errors().find(|e| e != INTERRUPTED).or_else(|| errors().next());
+    let ran: Vec<&Outcome> =
+        outcomes.iter().filter(|o| o.error.as_deref() != Some(INTERRUPTED)).collect();
     let done: Vec<&Precision> = outcomes.iter().filter_map(|o| o.precision.as_ref()).collect();
     // A mean over the seeds that did not fail would flatter.
     let all_done = failed.is_none();
@@ -543,7 +558,7 @@ fn summarise(case: &Case, outcomes: &[Outcome]) -> CaseResult {
         frames_late: mean(&|p| p.frames_late).map(|i| i.mean),
         mean_abs_du: mean(&|p| Some(p.mean_abs_du)).map_or(0.0, |i| i.mean),
         chosen: outcomes.first().and_then(|o| o.chosen.clone()),
-        wall_secs: outcomes.iter().map(|o| o.wall_secs).sum::<f64>() / outcomes.len().max(1) as f64,
+        wall_secs: ran.iter().map(|o| o.wall_secs).sum::<f64>() / ran.len().max(1) as f64,
         frames: outcomes.first().map_or(0, |o| o.frames),
         error: failed,
         per_frame: done.first().map(|p| p.per_frame.clone()).unwrap_or_default(),

@@ -27,7 +27,7 @@ import {
   yToRow,
   zoomAt,
 } from "./timeline/layout";
-import { bars, diamonds, marks, ofPoint, ofRow } from "./timeline/marks";
+import { bands, bars, diamonds, type Glyph, marks, ofPoint, ofRow } from "./timeline/marks";
 import { resumeArgs, usualPolicies, usualSuite } from "./training";
 
 const clip: Clip = {
@@ -270,6 +270,19 @@ test("of keys for some joints only, those are laid out whose bars reach into sig
   const away = marks(many, from, box, new Map([[2, 1500]]), new Set([2]));
   assert.equal(bars(ofRow(away, [1])).length, 1);
   assert.ok(!away.some((m) => m.frame === 2));
+});
+
+test("a band of dense motion has all of its keys, also while one is dragged past others", () => {
+  const glyph = (x: number) => ({ x }) as Glyph;
+  const xs = Array.from({ length: 100 }, (_, i) => 200 + 2 * i);
+  const of = (moved: number) => bands(xs.map((x, i) => glyph(i === 50 ? moved : x)));
+  assert.deepEqual(of(300), [{ from: 200, to: 398 }]);
+  assert.deepEqual(of(250), [{ from: 200, to: 398 }], "among others");
+  assert.deepEqual(of(500), [
+    { from: 200, to: 398 },
+    { from: 500, to: 500 },
+  ]);
+  assert.deepEqual(bands([]), []);
 });
 
 test("the bar of a point reaches to a key that is out of sight", () => {

@@ -19,6 +19,7 @@ import {
   xToFrame,
 } from "./layout";
 import {
+  bands,
   bars,
   type Diamond,
   diamonds,
@@ -175,9 +176,6 @@ function sprite(theme: Theme, what: Diamond["ink"], ratio: number, shape: Shape)
   return tile;
 }
 
-/** Keys of dense motion that stand no further apart are one band, pixels. */
-const DENSE = 14;
-
 /** Side of a diamond's picture, pixels. */
 const SPRITE = 18;
 
@@ -217,11 +215,7 @@ function ink(ctx: Ctx, theme: Theme, list: Glyph[], mid: number, ratio: number, 
   // Keys at nearly every frame are a band: as diamonds they would be a wall.
   if (shape === "dense") {
     ctx.fillStyle = `${theme.key}b0`;
-    for (let i = 0; i < list.length; i++) {
-      const from = list[i]?.x ?? 0;
-      while ((list[i + 1]?.x ?? Infinity) - (list[i]?.x ?? 0) <= DENSE) i++;
-      ctx.fillRect(from - 0.5, mid - 2, Math.max(2, (list[i]?.x ?? 0) - from + 1), 4);
-    }
+    for (const { from, to } of bands(list)) ctx.fillRect(from - 0.5, mid - 2, Math.max(2, to - from + 1), 4);
   }
   // Whole pixels: a copy between them would be blurred.
   const snap = (v: number): number => Math.round(v * ratio) / ratio;

@@ -143,12 +143,11 @@ function orderOf(clip: Clip): Order {
   const rows = clip.keys.map((key) => values(clip, key));
   const reach = clip.keys.map((key) => (key.reach?.length ?? 0) > 0);
   const full = rows.map(isFull);
-  const order = {
-    partial: full.includes(false),
-    // What end-effector goals lead to is a value, too.
-    next: clip.robot.joints.map((_, j) => after((i) => reach[i] || typeof rows[i]?.[j] === "number")),
-    placed: after((i) => reach[i] || full[i] === true),
-  };
+  const partial = full.includes(false);
+  const placed = after((i) => reach[i] || full[i] === true);
+  // What end-effector goals lead to is a value, too.
+  const ofJoint = (j: number): Int32Array => after((i) => reach[i] || typeof rows[i]?.[j] === "number");
+  const order = { partial, placed, next: clip.robot.joints.map((_, j) => (partial ? ofJoint(j) : placed)) };
   orders.set(clip, order);
   return order;
 }
@@ -230,6 +229,20 @@ export function bars(list: Glyph[]): Bar[] {
     }
     if (m.kept !== undefined && m.kept > m.hold) add("held", m.hold, m.kept);
     if (m.held) add("hold", m.x, m.hold);
+  }
+  return made;
+}
+
+/** Keys of dense motion that stand no further apart are one band, pixels. */
+const DENSE = 14;
+
+/** Bands from the first to the last key of dense motion. A dragged key may stand anywhere among the others. */
+export function bands(list: Glyph[]): { from: number; to: number }[] {
+  const made: { from: number; to: number }[] = [];
+  for (const x of list.map((m) => m.x).sort((a, b) => a - b)) {
+    const last = made.at(-1);
+    if (last && x - last.to <= DENSE) last.to = x;
+    else made.push({ from: x, to: x });
   }
   return made;
 }
