@@ -217,7 +217,7 @@ fn suites_have_other_names_and_final_is_the_other_halves() {
 
 #[test]
 fn an_interruption_keeps_what_was_finished() {
-    // The first policy takes less than a second, the second one minutes.
+    // The first policy takes less than a second, the second one half a minute.
     let dir = tempfile::tempdir().unwrap();
     let mut child = std::process::Command::new(binary())
         .args(["eval", "--robot", "pointmass", "--suite", "manual", "-q", "--json"])
