@@ -182,14 +182,14 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let bar = Bar::new("eval", "frames", global.quiet);
     let begin = Instant::now();
     let forwards = device.as_ref().map(|d| d as &dyn Forwards);
-    let results = evaluate_on(&robot, &suites, &config, forwards, &bar, &cancel);
+    let evaluated = evaluate_on(&robot, &suites, &config, forwards, &bar, &cancel);
     bar.finish();
     for note in device.as_ref().map(GpuForwards::notes).into_iter().flatten() {
         tracing::warn!("{note}");
     }
-    let found = results?;
-    let results = found.results;
-    if found.finished == 0 {
+    let evaluated = evaluated?;
+    let whole = evaluated.is_whole();
+    if evaluated.finished == 0 {
         return Err(rollout::Error::Cancelled { frame: 0 }.into());
     }
 
@@ -201,21 +201,20 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         threads: config.threads,
         device: device.as_ref().map(|d| d.gpu().name()),
         wall_secs: begin.elapsed().as_secs_f64(),
-        interrupted: found.finished < found.wanted,
+        interrupted: !whole,
         suites: suites.iter().map(|s| SuiteFacts::of(s, &robot)).collect(),
-        results: &results,
+        results: &evaluated.results,
     };
     if let Some(path) = &args.csv {
-        input::write(path, &rows_csv(&results)?)?;
+        input::write(path, &rows_csv(report.results)?)?;
     }
-    let whole = found.finished == found.wanted;
     // An interrupted evaluation must not take the place of a complete one.
     let out = args.out.as_ref().filter(|dir| whole || !dir.join("results.json").exists());
     if let Some(dir) = out {
         let json = serde_json::to_vec_pretty(&report).map_err(io::Error::other)?;
         fsio::write_atomic(&dir.join("results.json"), &json)?;
-        fsio::write_atomic(&dir.join("results.csv"), &rows_csv(&results)?)?;
-        fsio::write_atomic(&dir.join("errors.csv"), &errors_csv(&results)?)?;
+        fsio::write_atomic(&dir.join("results.csv"), &rows_csv(report.results)?)?;
+        fsio::write_atomic(&dir.join("errors.csv"), &errors_csv(report.results)?)?;
     }
     if let Some(path) = &args.plot {
         let value = serde_json::to_value(&report).map_err(io::Error::other)?;
@@ -226,18 +225,18 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         out::json(&report)?;
     } else {
         let tables: Vec<String> =
-            suites.iter().map(|s| table(&robot, &s.name, plant, &results)).collect();
+            suites.iter().map(|s| table(&robot, &s.name, plant, report.results)).collect();
         input::say(args.takes_stdout(), &tables.join("\n\n"))?;
     }
     if !whole {
         let why = format!(
             "interrupted after {} of {} rollouts; the others have no figures, and a mean needs all of its tasks",
-            found.finished, found.wanted
+            evaluated.finished, evaluated.wanted
         );
         return Err(Failure::with(Exit::Interrupted, why));
     }
     match args.max_precision {
-        Some(limit) => check(&results, limit, report.unit),
+        Some(limit) => check(report.results, limit, report.unit),
         None => Ok(()),
     }
 }

@@ -87,7 +87,7 @@ pub use run::{Frame, Rollout, RolloutConfig, Start};
 pub use sampling::{PredictiveSampling, SamplingConfig};
 pub use stats::{Interval, mean_ci95};
 pub use suite::{
-    Case, CaseResult, EvalConfig, Evaluation, Floor, Found, INTERRUPTED, Jam, Suite, evaluate,
+    Case, CaseResult, EvalConfig, Evaluated, Evaluation, Floor, INTERRUPTED, Jam, Suite, evaluate,
     evaluate_on,
 };
 pub use trial::Trial;

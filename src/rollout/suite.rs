@@ -249,9 +249,9 @@ struct Job {
     seed: u64,
 }
 
-/// What an evaluation found.
+/// The results of an evaluation, and whether they are complete.
 #[derive(Debug)]
-pub struct Found {
+pub struct Evaluated {
     /// One result per suite and policy, in that order. A rollout that an interruption prevented is a failure in
     /// its row, called [`INTERRUPTED`].
     pub results: Vec<Evaluation>,
@@ -259,6 +259,13 @@ pub struct Found {
     pub finished: usize,
     /// Rollouts that were wanted.
     pub wanted: usize,
+}
+
+impl Evaluated {
+    /// Whether every rollout was finished.
+    pub fn is_whole(&self) -> bool {
+        self.finished == self.wanted
+    }
 }
 
 /// Why a rollout has no figures after an interruption.
@@ -278,11 +285,11 @@ pub fn evaluate(
     progress: &dyn Progress,
     cancel: &Cancel,
 ) -> Result<Vec<Evaluation>, Error> {
-    let found = evaluate_on(robot, suites, config, None, progress, cancel)?;
-    if found.finished < found.wanted {
+    let all = evaluate_on(robot, suites, config, None, progress, cancel)?;
+    if !all.is_whole() {
         return Err(Error::Cancelled { frame: 0 });
     }
-    Ok(found.results)
+    Ok(all.results)
 }
 
 /// As [`evaluate`], with the networks of trained policies on a device. The device computes the
@@ -298,7 +305,7 @@ pub fn evaluate_on(
     device: Option<&dyn Forwards>,
     progress: &dyn Progress,
     cancel: &Cancel,
-) -> Result<Found, Error> {
+) -> Result<Evaluated, Error> {
     // Built once: a model file is read, checked and packed for all its rollouts together.
     let templates: Vec<Template> =
         config.policies.iter().map(|p| Template::new(robot, p)).collect::<Result<_, _>>()?;
@@ -348,7 +355,7 @@ pub fn evaluate_on(
             against_floors(robot, suite, ilqr, of_suite);
         }
     }
-    Ok(Found { results, finished, wanted })
+    Ok(Evaluated { results, finished, wanted })
 }
 
 /// Sets the figures relative to the floors: those of this run if iLQR is one of the policies, else

@@ -265,16 +265,17 @@ describe("graph", () => {
     }
   });
 
-  test("a double click makes a key on the curves, keys raise values, locked joints stay", async () => {
+  test("a double click makes a key of one joint, keys raise values, locked joints stay", async () => {
     await start();
-    const before = await t.state();
     const p = await at(52, 2, 1.45);
     await t.page.mouse.dblclick(p.x, p.y);
     await t.until_keys([0, 14, 30, 45, 52, 60, 70, 80]);
     const made = await key(52);
     assert.ok(Math.abs((made?.q?.[2] ?? 0) - 1.45) < 0.02, "at the hand's height");
-    const line = commandedAt(before.clip as Clip, 0, 52) ?? 0;
-    assert.ok(Math.abs((made?.q?.[0] ?? 9) - line) < 1e-5, "the other joints on their curves");
+    assert.ok(
+      made?.q?.every((v, j) => j === 2 || v === null),
+      "the curves of the other joints go on",
+    );
     const was = made?.q?.[2] ?? 0;
     await t.until((s) => s.points.join() === "52:2", "chosen");
     await t.press("Alt+ArrowUp", "Alt+ArrowUp", "Alt+Shift+ArrowDown");

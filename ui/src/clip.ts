@@ -69,6 +69,12 @@ export function nextKey(clip: Clip, frame: number, joint?: number): Key | undefi
   return clip.keys.find((k) => k.frame > frame && (joint === undefined || isOf(clip, k, joint)));
 }
 
+/** A new key. Between two keys the fill of the first goes on after it, for all joints or for one. */
+export function newKey(clip: Clip, frame: number, q: (number | null)[], joint?: number): Key {
+  const fill = nextKey(clip, frame, joint) && prevKey(clip, frame, joint)?.fill;
+  return { frame, q, ...(fill && { fill }) };
+}
+
 /** Frames as `m:ss:ff`-like text for people: seconds and frames. */
 export function clock(frame: number, fps: number): string {
   return `${(frame / fps).toFixed(2)} s`;

@@ -1,6 +1,6 @@
 // The path of what is selected, in the 3D view: what a hand on it does to the clip.
 
-import { keyAt, prevKey } from "./clip";
+import { keyAt, newKey } from "./clip";
 import { addedAt } from "./layers";
 import * as store from "./store";
 import { edit } from "./wire";
@@ -19,9 +19,7 @@ export function pathTouched(frame: number, values: Record<string, number> | null
     return;
   }
   const q = clip.robot.joints.map((name, j) => (values[name] ?? 0) - addedAt(clip, j, frame));
-  // The way after it goes on as it was.
-  const fill = prevKey(clip, frame)?.fill;
-  void edit("keys.add", { keys: [{ frame, q, ...(fill ? { fill } : {}) }] }).then((ok) => {
+  void edit("keys.add", { keys: [newKey(clip, frame, q)] }).then((ok) => {
     if (ok) store.selection.value = new Set([frame]);
   });
 }

@@ -1,7 +1,7 @@
 // A pose under a hand: by a slider, a typed value, a drag in the viewport, inverse kinematics.
 // While it moves the rollout follows as a preview; when it is let go there is one edit.
 
-import { type Clip, changedBy, keyAt, values } from "./clip";
+import { type Clip, changedBy, keyAt, newKey, values } from "./clip";
 import { addedAt } from "./layers";
 import { unlocked } from "./locks";
 import { shapingEdit } from "./offsets";
@@ -61,7 +61,7 @@ function poseEdit(wanted: Record<string, number>): Op | undefined {
     const v = changes[name];
     if (v !== undefined) q[j] = v;
   });
-  return { op: "keys.add", args: { keys: [{ frame, q: unlocked(q) }] } };
+  return { op: "keys.add", args: { keys: [newKey(d.clip, frame, unlocked(q))] } };
 }
 
 /**
@@ -164,7 +164,7 @@ export async function keyFloating(): Promise<void> {
   const own = q.map((v, j) => v - addedAt(d.clip, j, frame));
   const changes = key && changedBy(d.clip, key, own);
   const done = !changes
-    ? await edit("keys.add", { keys: [{ frame, q: own }] })
+    ? await edit("keys.add", { keys: [newKey(d.clip, frame, own)] })
     : Object.keys(changes).length === 0 || (await edit("keys.set", { frame, values: changes }));
   if (!done) return;
   dropFloating();

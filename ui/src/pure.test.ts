@@ -1,7 +1,17 @@
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
-import { type Clip, changedBy, clock, type Key, keyEnd, parseTime, replaced, startsAway } from "./clip";
+import {
+  type Clip,
+  changedBy,
+  clock,
+  type Key,
+  keyEnd,
+  newKey,
+  parseTime,
+  replaced,
+  startsAway,
+} from "./clip";
 import { commandedAt, stretches } from "./graph/curve";
 import { reordered, spanOf, weight } from "./layers";
 import { ANGLES, digitsOf, fixed, inUnits, LENGTHS, parseNumber } from "./numbers";
@@ -283,6 +293,22 @@ test("a band of dense motion has all of its keys, also while one is dragged past
     { from: 500, to: 500 },
   ]);
   assert.deepEqual(bands([]), []);
+});
+
+test("a key between two keys leaves the fill after it as it was", () => {
+  const at = (frame: number, q: (number | null)[], fill?: "linear"): Key => ({
+    frame,
+    q,
+    ...(fill && { fill }),
+  });
+  const c: Clip = {
+    ...clip,
+    fill: "mask",
+    keys: [at(0, [1, 1, 1], "linear"), at(10, [1, 2, null], "linear")],
+  };
+  assert.equal(newKey(c, 5, [1, null, null]).fill, "linear");
+  assert.equal(newKey(c, 20, [1, null, null]).fill, undefined, "nothing follows");
+  assert.equal(newKey(c, 5, [null, null, 3], 2).fill, undefined, "no key of this joint follows");
 });
 
 test("the bar of a point reaches to a key that is out of sight", () => {

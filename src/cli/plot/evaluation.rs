@@ -31,6 +31,8 @@ struct BarSet {
 #[derive(serde::Deserialize)]
 struct EvalFile {
     unit: String,
+    #[serde(default)]
+    interrupted: bool,
     results: Vec<EvalResult>,
 }
 
@@ -74,7 +76,8 @@ impl EvalFile {
                 ci95: r.tasks.iter().map(|t| t.ci95).chain([r.ci95]).collect(),
             })
             .collect();
-        Ok(BarFile { unit: self.unit.clone(), label: "Precision".to_owned(), groups, sets })
+        let label = if self.interrupted { "Precision (interrupted)" } else { "Precision" };
+        Ok(BarFile { unit: self.unit.clone(), label: label.to_owned(), groups, sets })
     }
 }
 

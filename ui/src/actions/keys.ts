@@ -1,6 +1,6 @@
 // Keys, poses and markers: what is chosen, made, moved, copied.
 
-import { type Key, keyAt, keyEnd, nextKey, prevKey, replaced } from "../clip";
+import { type Key, keyAt, keyEnd, newKey, nextKey, prevKey, replaced } from "../clip";
 import { drawing, needsSpaceAndSite, toggleDrawing } from "../draw";
 import { needsPoint, nudgeValue } from "../graph/edits";
 import { toggleLock, unlocked, unlockedOnly } from "../locks";
@@ -118,7 +118,7 @@ export function addKey(): void {
     store.announcement.value = `key at frame ${frame} selected`;
     return;
   }
-  void edit("keys.add", { keys: [{ frame, q: unlocked(barePose(c, frame)) }] }).then((ok) => {
+  void edit("keys.add", { keys: [newKey(c, frame, unlocked(barePose(c, frame)))] }).then((ok) => {
     if (ok) store.selection.value = new Set([frame]);
   });
 }

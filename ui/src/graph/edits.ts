@@ -2,14 +2,14 @@
 // seen joint by joint: both choose the same keys.
 
 import { effect, signal } from "@preact/signals";
-import { type Clip, keyAt, values } from "../clip";
+import { type Clip, keyAt, newKey, values } from "../clip";
 import { together } from "../couplings";
 import { addedAt } from "../layers";
-import { isLocked, unlocked } from "../locks";
-import { barePose, endPreview, preview } from "../posing";
+import { isLocked } from "../locks";
+import { endPreview, preview } from "../posing";
 import type { Op, Tangent } from "../protocol";
 import * as store from "../store";
-import { applyOp, edit, tell } from "../wire";
+import { applyOp, tell } from "../wire";
 import { commandedAt, passing } from "./curve";
 import type { Handle, Top } from "./handles";
 import { type Changes, nameOf, type Point, points } from "./space";
@@ -111,19 +111,18 @@ export async function shape(changes: Changes, frames: number[], df: number): Pro
   return done;
 }
 
-/** A key at this frame: on the curves, and for this joint at this value. */
+/** A key of one joint, and of those that are bound to it; the curves of all others go on. */
 export function addPoint(frame: number, joint: number, value: number): void {
   const clip = store.doc.value?.clip;
   const name = clip?.robot.joints[joint];
   if (!clip || name === undefined || frame < 0 || frame >= clip.length) return;
+  if (isLocked(name)) return store.toast(`${name} is locked`);
   const set = together(name, grid(value - addedAt(clip, joint, frame)));
-  if (keyAt(clip, frame)) return void edit("keys.set", { frame, values: set });
-  const pose = barePose(clip, frame);
-  const q = clip.robot.joints.map((n, j) => {
-    const there = commandedAt(clip, j, frame);
-    return grid(set[n] ?? (there === undefined ? (pose[j] ?? 0) : there - addedAt(clip, j, frame)));
-  });
-  void edit("keys.add", { keys: [{ frame, q: unlocked(q) }] }).then((ok) => {
+  const q = clip.robot.joints.map((n) => set[n] ?? null);
+  const op: Op = keyAt(clip, frame)
+    ? { op: "keys.set", args: { frame, values: set } }
+    : { op: "keys.add", args: { keys: [newKey(clip, frame, q, joint)] } };
+  void applyOp(op).then((ok) => {
     if (ok) choosePoints(new Set([nameOf({ frame, joint })]));
   });
 }
