@@ -1155,3 +1155,21 @@ fn inverse_kinematics_moves_a_follower_of_a_follower() {
     assert!(found.reached && (a - 0.3).abs() < 1e-3, "{found:?}");
     assert!((b - 2.0 * a).abs() < 1e-9 && (c - 0.5 + b).abs() < 1e-9, "{found:?}");
 }
+
+/// A sled that can only slide along a plank into which it is drawn, and a spring arm on it whose tip is in the floor.
+const STUCK: &str = r#"<mujoco><compiler angle="radian"/><worldbody><geom name="plank" type="box" size="2 .1 .1"/>
+  <body name="sled"><joint name="along" type="slide" axis="1 0 0" range="-.5 .5" damping="5"/>
+    <geom type="box" size=".1 .05 .05" mass="1"/></body>
+  <geom name="floor" type="plane" size="9 9 .1" pos="0 2 0"/>
+  <body name="arm" pos="0 3 .3"><joint name="pitch" axis="0 -1 0" range="-1.5 1.5" stiffness="4" springref="-1" damping=".5"/>
+    <geom type="capsule" fromto="0 0 0 .4 0 0" size=".02" mass=".2"/></body></worldbody>
+  <actuator><motor joint="along" ctrlrange="-10 10"/><motor joint="pitch" ctrlrange="-10 10"/></actuator></mujoco>"#;
+
+#[test]
+fn parts_that_contact_cannot_part_stay_where_they_are_and_springs_do_not_drive_the_others() {
+    let ran = robert().file("m.xml", STUCK).args(["import", "m.xml", "--out", "bot"]).succeeds();
+    let bot = Robot::from_folder(&ran.path("bot")).unwrap();
+    // The tip touches the floor at -.77: asin(.3 - .02 over .4).
+    let apart = bot.apart(&[0.1, -0.9]).unwrap().expect("the arm comes out of the floor");
+    assert!((apart[1] + 0.775).abs() < 0.02 && (apart[0] - 0.1).abs() < 1e-3, "{apart:?}");
+}

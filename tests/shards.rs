@@ -374,6 +374,25 @@ fn a_warned_training_shard_goes_on_from_its_checkpoint_with_the_same_bits() {
     assert_eq!(content(&shard(dir, "whole", 0)), content(&shard(dir, "cut", 0)));
 }
 
+#[test]
+fn a_checkpoint_that_cannot_be_copied_does_not_cost_the_training() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    plan(dir, TRAIN, "whole");
+    plan(dir, TRAIN, "full");
+    ok(dir, &["shard", "run", "whole", "--index", "0"]);
+    // A file in the place of the folder refuses every copy, as a full disk would.
+    std::fs::write(dir.join("full/checkpoints"), "").unwrap();
+    let ran = Command::new(binary())
+        .args(["shard", "run", "full", "--index", "0", "--checkpoint-mins", "0.001"])
+        .current_dir(dir)
+        .output()
+        .unwrap();
+    let stderr = String::from_utf8_lossy(&ran.stderr);
+    assert!(ran.status.success() && stderr.contains("a checkpoint was not copied"), "{stderr}");
+    assert_eq!(content(&shard(dir, "whole", 0)), content(&shard(dir, "full", 0)));
+}
+
 /// Kills in a test run; `ROBERT_KILLS=30` for the long one.
 fn kills() -> u64 {
     std::env::var("ROBERT_KILLS").ok().and_then(|k| k.parse().ok()).unwrap_or(5)

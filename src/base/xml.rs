@@ -34,6 +34,19 @@ pub fn numbers<T: std::str::FromStr>(text: &str) -> Option<Vec<T>> {
     text.split_whitespace().map(|word| word.parse().ok()).collect()
 }
 
+/// The text as it may stand in a comment, where no dash may follow another one.
+#[must_use]
+pub fn in_comment(text: &str) -> String {
+    let mut plain = String::with_capacity(text.len());
+    for c in text.chars() {
+        if c == '-' && plain.ends_with('-') {
+            plain.push(' ');
+        }
+        plain.push(c);
+    }
+    plain
+}
+
 /// Parses a document of at most `elements` elements, within the caps on nesting, attributes
 /// and namespaces.
 ///
@@ -168,6 +181,18 @@ impl Tag {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn no_dash_follows_another_in_a_comment() {
+        assert_eq!(in_comment("a-b --- c"), "a-b - - - c");
+        parse(&format!("<a><!-- {} --></a>", in_comment("--->--")), 9).unwrap();
+    }
+
+    #[test]
+    fn no_dash_follows_another_in_a_comment() {
+        assert_eq!(in_comment("a-b --- c"), "a-b - - - c");
+        parse(&format!("<a><!-- {} --></a>", in_comment("--->--")), 9).unwrap();
+    }
 
     fn says(text: &str) -> String {
         parse(text, 100).map_or_else(|e| e.to_string(), |_| "ok".to_owned())

@@ -205,18 +205,24 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         suites: suites.iter().map(|s| SuiteFacts::of(s, &robot)).collect(),
         results: &evaluated.results,
     };
-    if let Some(path) = &args.csv {
+    // An interrupted evaluation must not take the place of a complete one.
+    let free = |path: &Path| {
+        let free = whole || input::is_standard(path) || !path.exists();
+        if !free {
+            tracing::warn!("{} stays as it was", path.display());
+        }
+        free
+    };
+    if let Some(path) = args.csv.as_ref().filter(|path| free(path)) {
         input::write(path, &rows_csv(report.results)?)?;
     }
-    // An interrupted evaluation must not take the place of a complete one.
-    let out = args.out.as_ref().filter(|dir| whole || !dir.join("results.json").exists());
-    if let Some(dir) = out {
+    if let Some(dir) = args.out.as_ref().filter(|dir| free(&dir.join("results.json"))) {
         let json = serde_json::to_vec_pretty(&report).map_err(io::Error::other)?;
         fsio::write_atomic(&dir.join("results.json"), &json)?;
         fsio::write_atomic(&dir.join("results.csv"), &rows_csv(report.results)?)?;
         fsio::write_atomic(&dir.join("errors.csv"), &errors_csv(report.results)?)?;
     }
-    if let Some(path) = &args.plot {
+    if let Some(path) = args.plot.as_ref().filter(|path| free(path)) {
         let value = serde_json::to_value(&report).map_err(io::Error::other)?;
         let title = format!("{}: Precision, lower is better", robot.id());
         plot::save(&plot::of_evaluation(&title, value)?, path)?;
@@ -468,8 +474,6 @@ fn table(robot: &Robot, suite: &str, plant: PlantRange, results: &[Evaluation]) 
     let mut t = out::table(&header.iter().map(String::as_str).collect::<Vec<_>>());
     // What was interrupted did not fail.
     let word = |interrupted: bool| if interrupted { "-" } else { "failed" };
-    let whole: Vec<bool> =
-        columns.iter().map(|c| !c.tasks.iter().any(CaseResult::is_interrupted)).collect();
     let rows = columns.first().map_or(0, |c| c.tasks.len());
     for row in 0..rows {
         let values: Vec<Option<f64>> =
@@ -485,29 +489,27 @@ fn table(robot: &Robot, suite: &str, plant: PlantRange, results: &[Evaluation]) 
     }
     let means: Vec<Option<f64>> = columns.iter().map(|c| c.precision_mean).collect();
     let cis: Vec<Option<f64>> = columns.iter().map(|c| c.ci95).collect();
-    let missing: Vec<&str> = whole.iter().map(|whole| word(!whole)).collect();
+    let interrupted = |c: &&Evaluation| c.tasks.iter().any(CaseResult::is_interrupted);
+    let missing: Vec<&str> = columns.iter().map(|c| word(interrupted(c))).collect();
     t.add_row(cells("mean", &means, &cis, &missing));
     // Figures of some tasks only cannot stand beside those of all.
-    let of_whole = || columns.iter().zip(&whole);
+    let is_whole = |c: &Evaluation| c.tasks.iter().all(|t| t.error.is_none());
     for (name, figure) in FIGURES {
         let cells: Vec<Option<String>> =
-            of_whole().map(|(c, whole)| figure(c).filter(|_| *whole)).collect();
+            columns.iter().map(|c| figure(c).filter(|_| is_whole(c))).collect();
         if cells.iter().any(Option::is_some) {
             let cells = cells.into_iter().map(|c| c.unwrap_or_else(|| "-".to_owned()));
             t.add_row(std::iter::once(name.to_owned()).chain(cells));
         }
     }
-    t.add_row(
-        std::iter::once("mean |du|".to_owned())
-            .chain(of_whole().map(|(c, whole)| average(c, *whole, |t| t.mean_abs_du))),
-    );
-    t.add_row(
-        std::iter::once("ms per frame".to_owned()).chain(
-            of_whole().map(|(c, whole)| {
-                average(c, *whole, |t| 1e3 * t.wall_secs / t.frames.max(1) as f64)
-            }),
-        ),
-    );
+    let ms_per_frame = |t: &CaseResult| Some(1e3 * t.wall_secs / t.frames.max(1) as f64);
+    let averages: [(&str, &dyn Fn(&CaseResult) -> Option<f64>); 2] =
+        [("mean |du|", &|t| t.mean_abs_du), ("ms per frame", &ms_per_frame)];
+    for (name, figure) in averages {
+        let cells = columns.iter().map(|c| average(c, figure).filter(|_| is_whole(c)));
+        let cells = cells.map(|v| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}")));
+        t.add_row(std::iter::once(name.to_owned()).chain(cells));
+    }
     out::right(&mut t, 1);
     let plant =
         if plant == PlantRange::default() { String::new() } else { format!(", plant {plant}") };
@@ -611,11 +613,10 @@ fn short(v: f64) -> String {
     if v > 0.0 && v < 5e-6 { "<0.00001".to_owned() } else { format!("{v:.5}") }
 }
 
-fn average(e: &Evaluation, whole: bool, f: impl Fn(&CaseResult) -> f64) -> String {
-    if !whole {
-        return "-".to_owned();
-    }
-    format!("{:.3}", e.tasks.iter().map(f).sum::<f64>() / e.tasks.len().max(1) as f64)
+/// Mean over all tasks; `None` if one of them has none.
+fn average(e: &Evaluation, f: impl Fn(&CaseResult) -> Option<f64>) -> Option<f64> {
+    let values: Option<Vec<f64>> = e.tasks.iter().map(f).collect();
+    values.and_then(|v| mean_ci95(&v)).map(|i| i.mean)
 }
 
 fn rows_csv(results: &[Evaluation]) -> Outcome<Vec<u8>> {
@@ -668,7 +669,7 @@ fn rows_csv(results: &[Evaluation]) -> Outcome<Vec<u8>> {
                 cell(t.p95),
                 cell(t.hold_end),
                 cell(t.frames_late),
-                cell(ran.then_some(t.mean_abs_du)),
+                cell(t.mean_abs_du),
                 cell(ran.then_some(t.wall_secs)),
                 if ran { t.frames.to_string() } else { String::new() },
                 t.error.clone().unwrap_or_default(),

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::failure::{Failure, Outcome};
-use super::input;
+use super::{input, output};
 use crate::clip::{Clip, Command, Invalid, parse};
 use crate::exit::HasExit;
 use crate::robot::Robot;
@@ -75,8 +75,13 @@ pub(super) fn with_model(robot: &Robot, keys: &str) -> Outcome<String> {
             "the model refers to meshes, so keep the file in the robot's folder{folder}"
         );
     }
-    let text = robot.mjcf_with_keys(keys);
-    text.ok_or_else(|| Failure::invalid(format!("the model of {} is not closed", robot.id())))
+    let Some(text) = robot.mjcf_with_keys(keys) else {
+        return Err(Failure::invalid(format!("the model of {} is not closed", robot.id())));
+    };
+    // A declaration must be first.
+    let root = if text.starts_with("<?xml") { text.find("?>").map_or(0, |at| at + 2) } else { 0 };
+    let (declaration, model) = text.split_at(root);
+    Ok(format!("{declaration}{}{model}", output::WRITTEN))
 }
 
 /// The clip that a take was made from.

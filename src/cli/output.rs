@@ -7,6 +7,9 @@ use super::failure::{Failure, Outcome};
 use super::input;
 use crate::fsio;
 
+/// Begins a robot's model that a command wrote and can write again.
+pub(super) const WRITTEN: &str = "<!-- A robot's model with keyframes, written by robert. -->\n";
+
 /// Refuses to overwrite the input, or a file that a person made. The result of an earlier command
 /// may be replaced.
 pub(super) fn may_write(input: &str, out: Option<&Path>) -> Outcome {
@@ -59,6 +62,9 @@ fn made_by_hand(path: &Path) -> Option<&'static str> {
     let text = String::from_utf8_lossy(&head);
     if text.trim_start().starts_with('{') && text.contains("\"robert-clip/") {
         return Some("clip");
+    }
+    if text.contains(WRITTEN.trim_end()) {
+        return None;
     }
     // Exports with their own `<mujoco>` element contain only keys.
     let root = |name: &str| {

@@ -16,8 +16,8 @@ const MOST: usize = 200;
 
 impl Robot {
     /// The pose, (`state_dim`), to which contact pushes the robot from `pose`: nothing overlaps by a millimetre in it, or
-    /// by less than before after a second. `None` if nothing overlaps by a millimetre in `pose`, or if contact does not
-    /// take it apart.
+    /// less in all than before after 200 steps. `None` if nothing overlaps by a millimetre in `pose`, or if contact does
+    /// not take it apart.
     ///
     /// # Errors
     /// [`Error::Length`], [`Error::Simulator`] when no simulation can be made.
@@ -34,7 +34,7 @@ impl Robot {
 
     fn push_apart(&self, data: &mut Data) -> Result<Option<Vec<f64>>, Error> {
         let still = vec![0.0; self.model().nv()];
-        let (here, before) = (self.state(data), deepest(data));
+        let (here, before) = (self.state(data), overlap(data));
         let mut drive = Drive::new(self, &here, &here)?;
         for _ in 0..MOST {
             drive.hold(&self.state(data));
@@ -48,13 +48,24 @@ impl Robot {
                 break;
             }
         }
-        Ok((deepest(data) < before).then(|| self.state(data)))
+        let better = deepest(data) <= DEEP || overlap(data) < before;
+        Ok(better.then(|| self.state(data)))
     }
 }
 
 /// By how much two parts overlap at most, m.
 fn deepest(data: &Data) -> f64 {
-    data.contacts().map(|contact| -contact.dist).fold(0.0, f64::max)
+    depths(data).fold(0.0, f64::max)
+}
+
+/// By how much all parts overlap together, m.
+fn overlap(data: &Data) -> f64 {
+    depths(data).sum()
+}
+
+/// By how much the parts overlap at each point of contact, m.
+fn depths(data: &Data) -> impl Iterator<Item = f64> {
+    data.contacts().map(|contact| (-contact.dist).max(0.0))
 }
 
 #[cfg(test)]

@@ -96,8 +96,8 @@ pub struct CaseResult {
     pub hold_end: Option<f64>,
     /// Frames until a hold is reached.
     pub frames_late: Option<f64>,
-    /// Mean change of action per frame.
-    pub mean_abs_du: f64,
+    /// Mean change of action per frame; `None` if it failed.
+    pub mean_abs_du: Option<f64>,
     /// The policy that `auto` chose, first seed; `None` for other policies.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub chosen: Option<String>,
@@ -144,7 +144,8 @@ impl CaseResult {
     fn compare(&mut self, robot: &Robot, floor: Option<&Floor>) {
         let Some(floor) = floor else { return };
         self.floor = Some(floor.precision);
-        if self.is_interrupted() {
+        // What failed has no figures: no jams would be a good one.
+        if self.error.is_some() {
             return;
         }
         self.excess = excess(self.precision, floor.precision);
@@ -563,7 +564,7 @@ fn summarise(case: &Case, outcomes: &[Outcome]) -> CaseResult {
         p95: mean(&|p| p.p95).map(|i| i.mean),
         hold_end: mean(&|p| p.hold_end).map(|i| i.mean),
         frames_late: mean(&|p| p.frames_late).map(|i| i.mean),
-        mean_abs_du: mean(&|p| Some(p.mean_abs_du)).map_or(0.0, |i| i.mean),
+        mean_abs_du: mean(&|p| Some(p.mean_abs_du)).map(|i| i.mean),
         chosen: outcomes.first().and_then(|o| o.chosen.clone()),
         wall_secs: ran.iter().map(|o| o.wall_secs).sum::<f64>() / ran.len().max(1) as f64,
         frames: outcomes.first().map_or(0, |o| o.frames),

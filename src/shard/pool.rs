@@ -219,7 +219,13 @@ impl Worker {
             return Err(fail(std::io::Error::other("a child without pipes")));
         };
         let pid = rustix::process::Pid::from_child(&child);
-        lock(board).pids.push(pid);
+        let mut all = lock(board);
+        all.pids.push(pid);
+        // Those that were there have been signalled.
+        if all.found.stopped {
+            rustix::process::kill_process(pid, rustix::process::Signal::TERM).ok();
+        }
+        drop(all);
         Ok(Worker { child, stdin, stdout: BufReader::new(stdout), pid })
     }
 

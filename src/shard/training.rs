@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant, SystemTime};
 
 use robert_base::progress::Silent;
-use robert_base::{fsio, limits};
+use robert_base::{fsio, json, limits};
 use robert_dataset::{Dataset, Part, SHORTEST, Verify, Windows};
 use robert_robot::Robot;
 use robert_train::paths;
@@ -92,7 +92,7 @@ pub(super) fn perform(
     let point = Point { sweep: &sweep, robot, values, seed, data: &data, suites, dir: run };
     let restored = checkpoints.restore(run);
     let mut reached = reach(context, &point, &work, checkpoints);
-    if restored && reached.is_err() {
+    if restored && reached.as_ref().is_err_and(cannot_continue) {
         // A checkpoint that cannot be used must not block the shard for ever.
         std::fs::remove_dir_all(run).map_err(write_error(run))?;
         checkpoints.clear();
@@ -108,10 +108,16 @@ pub(super) fn perform(
         let to = out.join(name);
         std::fs::copy(&from, &to).map_err(write_error(&to))?;
     }
-    let text = serde_json::to_string_pretty(&Reached { secs: None, ..reached });
+    let text = json::pretty(&Reached { secs: None, ..reached });
     let path = out.join(RESULT);
-    std::fs::write(&path, text.unwrap_or_default() + "\n").map_err(write_error(&path))?;
+    std::fs::write(&path, text).map_err(write_error(&path))?;
     Ok(0)
+}
+
+/// Whether a run cannot be continued from its checkpoint. A full disk, say, is no reason to begin again.
+fn cannot_continue(error: &Error) -> bool {
+    use robert_train::Error as Of;
+    matches!(error, Error::Train(Of::Run { .. } | Of::Setting { .. } | Of::Net(_)))
 }
 
 /// Trains while another thread publishes every new checkpoint.
@@ -127,27 +133,35 @@ fn reach(
     let stamp = || std::fs::metadata(paths::last(dir)).and_then(|m| m.modified()).ok();
     let weights = || fsio::sha256_file(&paths::model(dir)).ok();
     let (begun, before) = (stamp(), weights());
+    // A copy that fails, on a full disk say, costs time after an interruption. It must not cost the training.
+    let publish = || {
+        let published = checkpoints.publish(dir);
+        if let Err(e) = &published {
+            tracing::warn!("a checkpoint was not copied: {e}");
+        }
+        published.is_ok()
+    };
     let (found, seen) = std::thread::scope(|scope| {
-        let watch = scope.spawn(|| -> Result<Option<SystemTime>, Error> {
+        let watch = scope.spawn(|| -> Option<SystemTime> {
             let (mut seen, mut since) = (begun, Instant::now());
             while !ended.load(Ordering::Relaxed) {
                 std::thread::sleep(LOOK);
                 let now = stamp();
                 if since.elapsed().as_secs_f64() >= every && now != seen {
-                    checkpoints.publish(dir)?;
-                    (seen, since) = (now, Instant::now());
+                    seen = if publish() { now } else { seen };
+                    since = Instant::now();
                 }
             }
-            Ok(seen)
+            seen
         });
         let found = point.reach(work);
         ended.store(true, Ordering::Relaxed);
         let seen = watch.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
         (found, seen)
     });
-    let (found, seen) = (found?, seen?);
+    let found = found?;
     if found.is_none() && stamp() != seen {
-        checkpoints.publish(dir)?;
+        publish();
     }
     // One and the same step has the same weights, however often it is saved.
     if weights() != before {

@@ -8,6 +8,7 @@ use std::fmt::Write as _;
 use super::document::{Take, What, row};
 use super::error::Error;
 use robert_base::units::CTRL_DT;
+use robert_base::xml;
 use robert_clip::formats;
 
 impl Take {
@@ -30,8 +31,7 @@ impl Take {
             return Ok(formats::to_mjcf(&self.command)?);
         }
         let mut out = String::from("<mujoco>\n  <!-- qpos and qvel: ");
-        // A comment must not contain two dashes.
-        let plain = |names: &[String]| names.join(" ").replace("--", "- -");
+        let plain = |names: &[String]| xml::in_comment(&names.join(" "));
         writeln!(
             out,
             "{}\n       ctrl: {} -->",

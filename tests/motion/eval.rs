@@ -219,10 +219,11 @@ fn suites_have_other_names_and_final_is_the_other_halves() {
 fn an_interruption_keeps_what_was_finished() {
     // The first policy takes less than a second, the second one half a minute.
     let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("complete.svg"), "of a complete evaluation").unwrap();
     let mut child = std::process::Command::new(binary())
         .args(["eval", "--robot", "pointmass", "--suite", "manual", "-q", "--json"])
         .args(["--policy", "pd,predictive-sampling", "--seeds", "10", "--threads", "1"])
-        .args(["--csv", "all.csv", "--out", "out"])
+        .args(["--csv", "all.csv", "--out", "out", "--plot", "complete.svg"])
         .current_dir(dir.path())
         .stdout(std::process::Stdio::piped())
         .stderr(std::process::Stdio::piped())
@@ -250,5 +251,7 @@ fn an_interruption_keeps_what_was_finished() {
     assert!(last["precision"].is_null() && last["jams"].is_null());
     let csv = std::fs::read_to_string(dir.path().join("all.csv")).unwrap();
     assert!(csv.lines().last().unwrap().ends_with(",,interrupted"), "{csv}");
+    let before = std::fs::read_to_string(dir.path().join("complete.svg")).unwrap();
+    assert_eq!(before, "of a complete evaluation");
     assert!(dir.path().join("out/results.json").exists());
 }

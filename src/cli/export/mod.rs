@@ -6,7 +6,7 @@ mod learn;
 mod plan;
 mod source;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 pub(super) use args::Args;
 
@@ -19,11 +19,11 @@ use crate::fsio;
 
 pub(super) fn run(args: &Args, global: Global) -> Outcome {
     args.check()?;
-    for input in &args.inputs {
-        output::may_write(input, args.out.as_deref())?;
-    }
     let plan = Plan::new(args)?;
     if args.to.gathers() {
+        for input in &args.inputs {
+            output::may_write(input, args.out.as_deref())?;
+        }
         return plan.gather(global);
     }
     if let Some(folder) = args.inputs.iter().find(|i| Path::new(i).is_dir()) {
@@ -33,15 +33,9 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     }
     let many = args.inputs.len() > 1;
     let mut made = Vec::new();
-    for input in &args.inputs {
+    for (input, path) in args.inputs.iter().zip(plan.outputs()?) {
         let source = Source::read(input, args, global)?;
         let export = plan.export(&source)?;
-        let path = match &args.out {
-            Some(dir) if many => dir.join(plan.file_name(&source)),
-            Some(path) => path.clone(),
-            None if args.to.is_printed() && !many => PathBuf::from("-"),
-            None => PathBuf::from(plan.file_name(&source)),
-        };
         if path == Path::new("-") {
             say(&export, None, global);
             let Some(file) = export.files.first().filter(|_| export.folder.is_none()) else {

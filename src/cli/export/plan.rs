@@ -8,10 +8,10 @@ use serde_json::json;
 
 use super::args::Args;
 use super::format::{BodiesArg, Format, UrArg};
-use super::source::Source;
-use crate::cli::failure::Outcome;
+use super::source::{Source, title};
+use crate::cli::failure::{Failure, Outcome};
 use crate::cli::global::Global;
-use crate::cli::{input, motion, out};
+use crate::cli::{input, motion, out, output};
 use crate::robot::Robot;
 use crate::take::export::{
     Export, RosOptions, TRACKING_FPS, bag, bvh, glb, lafan, ros, tracking, ur_script, usda,
@@ -61,8 +61,36 @@ impl Plan<'_> {
         Ok(Plan { args, rename, client })
     }
 
-    pub(super) fn file_name(&self, source: &Source) -> String {
-        format!("{}.{}", source.title, self.args.to.suffix())
+    /// The output of each input; `-` is stdout.
+    ///
+    /// # Errors
+    /// An output that is one of the inputs, was made by hand, or belongs to two inputs.
+    pub(super) fn outputs(&self) -> Outcome<Vec<PathBuf>> {
+        let args = self.args;
+        let many = args.inputs.len() > 1;
+        let output = |input: &String| {
+            let name = format!("{}.{}", title(input), args.to.suffix());
+            match &args.out {
+                Some(dir) if many => dir.join(name),
+                Some(path) => path.clone(),
+                None if args.to.is_printed() && !many => PathBuf::from("-"),
+                None => PathBuf::from(name),
+            }
+        };
+        let outputs: Vec<PathBuf> = args.inputs.iter().map(output).collect();
+        for (i, path) in outputs.iter().enumerate().filter(|(_, p)| !input::is_standard(p)) {
+            for input in &args.inputs {
+                output::may_write(input, Some(path))?;
+            }
+            if let Some(other) = outputs.iter().take(i).position(|p| p == path) {
+                let (a, b) = (&args.inputs[other], &args.inputs[i]);
+                return Err(Failure::usage(format!(
+                    "{a} and {b} would both become {}: export them one by one, with -o",
+                    path.display()
+                )));
+            }
+        }
+        Ok(outputs)
     }
 
     fn ros_options(&self, robot: Option<&Arc<Robot>>) -> RosOptions {

@@ -71,7 +71,8 @@ impl Source {
     }
 }
 
-fn title(input: &str) -> String {
+/// The title of an input.
+pub(super) fn title(input: &str) -> String {
     let name = Path::new(input).file_name().map(|n| n.to_string_lossy().into_owned());
     let name = name.unwrap_or_else(|| input.to_owned());
     let stem = [motion::CLIP_SUFFIX, ".json", ".mcap"].iter().find_map(|s| name.strip_suffix(s));

@@ -26,9 +26,8 @@ const SPREAD_FRAMES: u32 = 20;
 /// [`ExportError::Partial`], because qpos cannot leave a joint open.
 pub fn to_mjcf(command: &Command) -> Result<String, ExportError> {
     let mut out = String::from("<mujoco>\n  <!-- qpos: ");
-    // A comment must not contain two dashes.
-    let names: Vec<String> = command.joints().iter().map(|j| j.replace("--", "- -")).collect();
-    writeln!(out, "{} -->\n  <keyframe>", names.join(" ")).ok();
+    let names = xml::in_comment(&command.joints().join(" "));
+    writeln!(out, "{names} -->\n  <keyframe>").ok();
     let mut key = |name: &str, frame: i64, row: &[f32]| {
         let time = frame as f64 / f64::from(FPS);
         let q: Vec<String> = row.iter().map(f32::to_string).collect();

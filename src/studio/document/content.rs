@@ -201,9 +201,14 @@ impl Document {
                 loop {
                     let now = self.editor.history().1;
                     let step = match now.cmp(done) {
-                        std::cmp::Ordering::Greater => self.one(&Edit::Undo, records, steps)?,
-                        std::cmp::Ordering::Less => self.one(&Edit::Redo, records, steps)?,
+                        std::cmp::Ordering::Greater => self.one(&Edit::Undo, records, steps),
+                        std::cmp::Ordering::Less => self.one(&Edit::Redo, records, steps),
                         std::cmp::Ordering::Equal => break,
+                    };
+                    let step = match step {
+                        // The steps so far are made, and clients must hear of them.
+                        Err(_) if steps_made > 0 => break,
+                        step => step?,
                     };
                     let Some(step) = step.into_iter().next() else { break };
                     steps_made += 1;
@@ -261,9 +266,14 @@ impl Document {
         if !moved && !replace && self.is_changed_on_disk(&target) {
             return Err(Error::Changed { path: target });
         }
-        let journal = if moved { Some(open_journal(&target, state_dir)?.0) } else { None };
-        fsio::write_atomic(&target, text.as_bytes())?;
-        if let Some(journal) = journal {
+        let journal = if moved { Some(self.journal_of(&target, state_dir)?) } else { None };
+        if let Err(e) = fsio::write_atomic(&target, text.as_bytes()) {
+            if let Some((journal, true)) = journal {
+                journal.remove();
+            }
+            return Err(e.into());
+        }
+        if let Some((journal, _)) = journal {
             std::mem::replace(&mut self.journal, journal).remove();
         }
         self.path = Some(target);
@@ -272,6 +282,23 @@ impl Document {
         self.untitled = false;
         self.restored = None;
         self.rebase()
+    }
+
+    /// The journal of another clip file, which this document will replace, and whether it is new.
+    fn journal_of(&self, target: &Path, state_dir: &Path) -> Result<(Journal, bool), Error> {
+        let (mut journal, records, _) = open_journal(target, state_dir)?;
+        let is_edit = |r: &Record| matches!(r, Record::Edit { .. } | Record::Undo | Record::Redo);
+        if records.iter().any(is_edit) {
+            if target.exists() {
+                return Err(Error::request(format!(
+                    "{} has edits that are not saved; open it and save or discard them, or choose another name",
+                    target.display()
+                )));
+            }
+            // Its clip is gone, so nobody can open it.
+            journal.keep()?;
+        }
+        Ok((journal, records.is_empty()))
     }
 
     /// Whether the file differs from what was last read or written here. A deleted file has no

@@ -69,6 +69,32 @@ fn saving_compacts_and_moving_takes_the_lock_along() {
 }
 
 #[test]
+fn saving_under_another_name_loses_no_edits_of_the_clip_there() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.clip.json");
+    std::fs::write(&path, blank().to_text()).unwrap();
+    let mut other = Document::open(&path, dir.path(), |_| None).unwrap();
+    other.edit(&[add(20)]);
+    other.close();
+    let mut doc = Document::new(blank(), dir.path(), None).unwrap();
+    doc.edit(&[add(30)]);
+    let refused = doc.save(Some(&path), true, dir.path()).unwrap_err().to_string();
+    assert!(refused.contains("edits that are not saved"), "{refused}");
+    let back = Document::open(&path, dir.path(), |_| None).unwrap();
+    assert!(back.clip().key(20).is_some() && back.is_dirty());
+    back.close();
+    // Without its clip nobody could open them: a copy stays.
+    std::fs::remove_file(&path).unwrap();
+    doc.save(Some(&path), false, dir.path()).unwrap();
+    assert!(dir.path().join("a.clip.json.autosave.damaged").exists());
+    // A file that cannot be written leaves nothing behind.
+    let folder = dir.path().join("folder.clip.json");
+    std::fs::create_dir(&folder).unwrap();
+    assert!(doc.save(Some(&folder), true, dir.path()).is_err());
+    assert!(!dir.path().join("folder.clip.json.autosave").exists());
+}
+
+#[test]
 fn an_unsaved_clip_is_found_again() {
     let dir = tempfile::tempdir().unwrap();
     let mut doc = Document::new(blank(), dir.path(), None).unwrap();

@@ -49,7 +49,8 @@ fn reached(take: &Take) -> Result<Clip, ClipError> {
     };
     let rows: Vec<Vec<f64>> = (0..take.frames()).map(|t| take.state(t).to_vec()).collect();
     let secs = (0..rows.len()).map(|t| t as f64 * CTRL_DT).collect();
-    Samples { joints: robot.joints.clone(), secs, rows }.clip(&robot, &BTreeMap::new(), 0.0)
+    let samples = Samples { joints: robot.joints.clone(), secs, rows, degrees: false };
+    samples.clip(&robot, &BTreeMap::new(), 0.0)
 }
 
 /// A clip, or a table of commands.

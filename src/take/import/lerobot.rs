@@ -80,9 +80,8 @@ pub fn from_lerobot(dir: &Path, source: &LeRobotSource) -> Result<Samples, Error
     if let Some(gap) = frames.iter().zip(0_i64..).find(|(f, i)| f.0 != *i) {
         return Err(of(format!("episode {}: frame {} is missing", source.episode, gap.1)));
     }
-    let factor = if source.degrees { 1.0_f64.to_radians() } else { 1.0 };
-    let rows = frames.into_iter().map(|(_, row)| row.iter().map(|v| v * factor).collect());
-    Ok(Samples::steady(joints, fps, rows.collect()))
+    let rows = frames.into_iter().map(|(_, row)| row).collect();
+    Ok(Samples { degrees: source.degrees, ..Samples::steady(joints, fps, rows) })
 }
 
 /// Names of the numbers: a list, or a list inside a mapping (`{"motors": [..]}`).
@@ -281,6 +280,7 @@ mod tests {
     use super::super::super::export::{Episode, LeRobotOptions, LeRobotVersion, lerobot};
     use super::super::super::sample;
     use super::*;
+    use std::collections::BTreeMap;
 
     fn source(episode: i64) -> LeRobotSource {
         LeRobotSource { episode, column: "observation.state".to_owned(), degrees: true }
@@ -300,7 +300,10 @@ mod tests {
                 assert_eq!(samples.joints, take.robot.joints);
                 assert_eq!(samples.rows.len(), take.frames());
                 for (f, row) in samples.rows.iter().enumerate() {
-                    let near = row.iter().zip(take.state(f)).all(|(a, b)| (a - b).abs() < 1e-6);
+                    let near = row
+                        .iter()
+                        .zip(take.state(f))
+                        .all(|(a, b)| (a.to_radians() - b).abs() < 1e-6);
                     assert!(near, "{version:?} episode {e} frame {f}");
                 }
             }
@@ -309,6 +312,27 @@ mod tests {
             let other = LeRobotSource { column: "observation.images".to_owned(), ..source(0) };
             let e = from_lerobot(&out, &other).unwrap_err().to_string();
             assert!(e.contains("there are action, episode_index"), "{e}");
+        }
+    }
+
+    #[test]
+    fn degrees_are_of_hinges_only() {
+        for id in ["ur5e", "pointmass"] {
+            let (robot, take) = sample::take(id, 8, 8);
+            let dir = tempfile::tempdir().unwrap();
+            let out = dir.path().join("set");
+            let options = LeRobotOptions { degrees: true, ..LeRobotOptions::default() };
+            let episodes = [Episode::of_take(&take, "wave")];
+            lerobot(&episodes, None, &options).unwrap().write(&out).unwrap();
+            let samples = from_lerobot(&out, &source(0)).unwrap();
+            let clip = samples.clip(&sample::clip(&robot, 8).robot, &BTreeMap::new(), 0.0).unwrap();
+            let command = robert_clip::compile(&clip).unwrap();
+            for f in 0..take.frames() {
+                let row = command.row(f as u32);
+                let near =
+                    row.iter().zip(take.state(f)).all(|(a, b)| (f64::from(*a) - b).abs() < 1e-5);
+                assert!(near, "{id} frame {f}");
+            }
         }
     }
 

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use super::super::error::Error;
 use robert_base::limits;
+use robert_base::units::Unit;
 use robert_clip::formats::{Sample, from_samples};
 use robert_clip::{Clip, ClipError, Fill, RobotRef, thin};
 
@@ -16,13 +17,15 @@ pub struct Samples {
     pub secs: Vec<f64>,
     /// Values, rad or m; (rows)(joints).
     pub rows: Vec<Vec<f64>>,
+    /// Whether angles are degrees instead.
+    pub degrees: bool,
 }
 
 impl Samples {
     /// Rows at a steady rate.
     pub(super) fn steady(joints: Vec<String>, fps: f64, rows: Vec<Vec<f64>>) -> Samples {
         let secs = (0..rows.len()).map(|r| r as f64 / fps).collect();
-        Samples { joints, secs, rows }
+        Samples { joints, secs, rows, degrees: false }
     }
 
     /// The clip for a robot. The samples must contain all its joints; other columns are left out.
@@ -58,12 +61,14 @@ impl Samples {
         if let Some(row) = self.secs.windows(2).position(|w| w[1].is_nan() || w[1] <= w[0]) {
             return Err(wrong(format!("row {}: its time is not after the one before", row + 1)));
         }
-        let samples: Vec<Sample> = self
-            .secs
-            .iter()
-            .zip(&self.rows)
-            .map(|(secs, row)| (*secs, order.iter().map(|j| Some(row[*j])).collect()))
-            .collect();
+        // Slides are in metres in any case.
+        let turns = |j: usize| robot.units.get(j).is_none_or(|unit| *unit == Unit::Rad);
+        let value = |j: usize, v: f64| if self.degrees && turns(j) { v.to_radians() } else { v };
+        let values = |row: &[f64]| {
+            order.iter().enumerate().map(|(j, &from)| Some(value(j, row[from]))).collect()
+        };
+        let rows = self.secs.iter().zip(&self.rows);
+        let samples: Vec<Sample> = rows.map(|(secs, row)| (*secs, values(row))).collect();
         let mut clip = from_samples(&samples, robot, Fill::Linear)?;
         if tolerance > 0.0 {
             thin(&mut clip, tolerance);
