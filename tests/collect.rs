@@ -117,6 +117,10 @@ fn views_are_lists_over_the_same_shards() {
     assert_eq!(y["statistics"]["agents"]["rnd"], y["statistics"]["agents"]["noise"]);
     let (code, _, err) = call(dir.path(), &["dataset", "shrink", "2", "d", "--out", "d"]);
     assert_eq!((code, err.contains("another folder")), (2, true), "{err}");
+    // The shards of a collection would be lost without its manifest; a view is made again.
+    let (code, _, err) = call(dir.path(), &["dataset", "shrink", "2", "e", "--out", "d"]);
+    assert_eq!((code, err.contains("only its manifest describes")), (2, true), "{err}");
+    view(&["dataset", "merge", "d", "e", "--out", "m", "--json"]);
 
     let (code, _, err) =
         call(dir.path(), &["dataset", "pick", "d", "--frames", "1", "--out", "few/er"]);

@@ -95,4 +95,5 @@ def stale(record):
     policies = sorted({p for s in suites.values() for p in s["policies"]})
     now = today(record.data["robot"], list(suites), policies)
     then = record.data["inputs"]
-    return [key for key in now if then.get(key) != now[key]]
+    # Also those of inputs that are gone.
+    return [key for key in {**then, **now} if then.get(key) != now.get(key)]

@@ -42,10 +42,5 @@ def commit():
     """The commit of the checkout, and whether the program's sources differ from it."""
     def git(*words):
         return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True).stdout.strip()
-    changed = git("status", "--porcelain", "--", "src", "crates", "assets", "Cargo.lock")
+    changed = git("status", "--porcelain", "--", "src", "assets", "Cargo.toml", "Cargo.lock")
     return git("rev-parse", "--short=12", "HEAD") + ("+changes" if changed else "")
-
-
-def relative(path):
-    path = pathlib.Path(path)
-    return str(path.relative_to(ROOT)) if path.is_absolute() else str(path)

@@ -82,6 +82,8 @@ def repeat(found, suite, policy, task):
 
 
 def agree(then, now):
+    if then is None or now is None:
+        return then is now
     return abs(now - then) <= max(RELATIVE * abs(then), ABSOLUTE)
 
 
@@ -92,6 +94,7 @@ def run(cells, say=print):
         now = repeat(found, suite, policy, task)
         good = agree(then, now)
         wrong += not good
-        say(f"{'agrees' if good else 'DIFFERS'}: {found.name} {suite}/{task} {policy}: {then:.6f} in the file, {now:.6f} now")
+        then, now = ("failed" if p is None else f"{p:.6f}" for p in (then, now))
+        say(f"{'agrees' if good else 'DIFFERS'}: {found.name} {suite}/{task} {policy}: {then} in the file, {now} now")
         say(f"  robert {shlex.join(command(found, suite, policy, task))}")
     return wrong

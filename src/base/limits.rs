@@ -133,6 +133,8 @@ pub const RECENT: usize = 20;
 pub const TAKES: usize = 20;
 /// Bytes of the motions of all takes.
 pub const TAKES_BYTES: usize = 96 << 20;
+/// Bytes of the motions of pinned takes; the rest is left to the current ones.
+pub const TAKES_PINNED_BYTES: usize = TAKES_BYTES / 2;
 /// Takes drawn beside the current rollout.
 pub const TAKES_COMPARED: usize = 4;
 /// Sites that inverse kinematics holds in the studio.

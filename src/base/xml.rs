@@ -188,12 +188,6 @@ mod tests {
         parse(&format!("<a><!-- {} --></a>", in_comment("--->--")), 9).unwrap();
     }
 
-    #[test]
-    fn no_dash_follows_another_in_a_comment() {
-        assert_eq!(in_comment("a-b --- c"), "a-b - - - c");
-        parse(&format!("<a><!-- {} --></a>", in_comment("--->--")), 9).unwrap();
-    }
-
     fn says(text: &str) -> String {
         parse(text, 100).map_or_else(|e| e.to_string(), |_| "ok".to_owned())
     }

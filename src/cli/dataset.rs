@@ -1,6 +1,6 @@
 //! `robert dataset`: inspect collected trajectories and make views of them.
 
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use clap::Subcommand;
 use serde::Serialize;
@@ -173,7 +173,7 @@ pub(super) fn run(args: Args) -> Outcome {
     match args.what {
         What::Info { data, json } => info(&Manifest::load(&data)?, json),
         What::Merge { data, equal, out } => {
-            refuse_same(&data, &out.out)?;
+            may_derive(&data, &out.out)?;
             publish(dataset::merge(&data, &out.out, equal)?, None, &out)
         }
         What::Split { data, seed, test, out } => {
@@ -200,7 +200,7 @@ fn view(
     out: &Out,
     change: impl FnOnce(&mut Manifest) -> Result<(), dataset::Error>,
 ) -> Outcome {
-    refuse_same(&[data.to_owned()], &out.out)?;
+    may_derive(&[data.to_owned()], &out.out)?;
     let mut m = Manifest::load(data)?;
     let shortest = m.episodes.iter().map(|e| e.length).min();
     change(&mut m)?;
@@ -208,7 +208,7 @@ fn view(
     publish(m, shortest, out)
 }
 
-fn refuse_same(data: &[PathBuf], out: &Path) -> Outcome {
+fn may_derive(data: &[PathBuf], out: &Path) -> Outcome {
     let real = |p: &Path| p.canonicalize().ok();
     if data.iter().any(|d| real(d).is_some() && real(d) == real(out)) {
         return Err(Failure::usage(format!(
@@ -216,7 +216,22 @@ fn refuse_same(data: &[PathBuf], out: &Path) -> Outcome {
             out.display()
         )));
     }
-    output::may_be_folder(out)
+    output::may_be_folder(out)?;
+    // The manifest of a view may be replaced: the same command makes it again.
+    if Manifest::load(out).is_ok_and(|m| m.shards.iter().any(|s| is_own(out, &s.file))) {
+        return Err(Failure::usage(format!(
+            "{} holds shards that only its manifest describes: choose another --out",
+            out.display()
+        )));
+    }
+    Ok(())
+}
+
+/// Whether a shard lies in this dataset's folder and in no other dataset's.
+fn is_own(dataset: &Path, shard: &Path) -> bool {
+    let inside = shard.components().all(|c| matches!(c, Component::Normal(_)));
+    let folders = shard.ancestors().skip(1).filter(|f| !f.as_os_str().is_empty());
+    inside && folders.into_iter().all(|f| !Manifest::path_of(&dataset.join(f)).exists())
 }
 
 /// Writes the manifest if anything is left. `shortest` is the shortest trajectory of its source.

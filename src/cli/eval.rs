@@ -283,7 +283,10 @@ fn floors(
     let filled = floor::fill(robot, clips, threads, &bar, cancel);
     bar.finish();
     match filled {
-        Err(e @ rollout::Error::Cancelled { .. }) => Err(e.into()),
+        Err(rollout::Error::Cancelled { .. }) => Err(Failure::with(
+            Exit::Interrupted,
+            "interrupted while the floors were measured, before the policies (--no-floor leaves floors out)",
+        )),
         Err(e) => {
             tracing::warn!("there are no floors to compare with: {e}");
             Ok(())
@@ -343,8 +346,11 @@ fn suites(args: &Args) -> Outcome<(Arc<Robot>, Vec<Suite>)> {
             ));
         }
     };
-    for (name, source) in &named {
+    for (i, (name, source)) in named.iter().enumerate() {
         one_robot(name, source, robot.id())?;
+        if named.iter().take(i).any(|(other, _)| other == name) {
+            return Err(Failure::usage(format!("the suite {name} is listed twice")));
+        }
     }
     let mut suites = Vec::new();
     for (name, source) in named {

@@ -10,9 +10,9 @@ use super::failure::Outcome;
 use super::global::{Global, Threads};
 use super::interrupt::cancel_on_ctrl_c;
 use super::{motion, out, output};
-use crate::dataset::{Dataset, Verify};
+use crate::dataset::{self, Dataset, Verify};
 use crate::rollout::{InverseSettings, NEAREST_FRAMES};
-use crate::train::fit::{self, HIDDEN};
+use crate::train::{self, fit, fit::HIDDEN};
 
 #[derive(clap::Args, Debug)]
 #[command(
@@ -113,7 +113,10 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let mut fitted = fitted?;
     let secs = begin.elapsed().as_secs_f64();
     // The fit is useful even if there are too few data to hold any out.
-    let held_out = fit::held_out(&data, args.seed, &mut fitted).ok();
+    let held_out = match fit::held_out(&data, args.seed, &mut fitted) {
+        Err(train::Error::Data(dataset::Error::Empty { .. })) => None,
+        measured => Some(measured?),
+    };
     if args.json {
         return out::json(&Report {
             policy: name,

@@ -118,10 +118,13 @@ impl Places {
     }
 }
 
+/// A week; a longer training is a matter for `robert train`.
+const MOST_MINUTES: f64 = 7.0 * 24.0 * 60.0;
+
 pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let minutes = args.minutes;
-    if !(minutes.is_finite() && minutes >= 0.0) {
-        return Err(Failure::usage(format!("--minutes takes 0 or more, not {minutes}")));
+    if !(0.0..=MOST_MINUTES).contains(&minutes) {
+        return Err(Failure::usage(format!("--minutes takes 0 to {MOST_MINUTES}, not {minutes}")));
     }
     let preset = TrainConfig::preset(&args.preset)?;
     let begin = Instant::now();

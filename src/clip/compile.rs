@@ -207,6 +207,9 @@ impl<'a> Plan<'a> {
     /// value.
     fn curve(&mut self, i: usize, next: usize, j: usize, fill: Fill) -> bool {
         let (Some(a), Some(b)) = (self.value(i, j), self.value(next, j)) else { return false };
+        if self.completed.carries(i, j) || self.completed.carries(next, j) {
+            return false;
+        }
         let (end, until) = (self.clip.full_hold(i), self.clip.keys[next].frame);
         let last = end.saturating_sub(1);
         let width = f64::from(until - last);

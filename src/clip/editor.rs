@@ -155,45 +155,33 @@ impl Editor {
     /// # Errors
     /// [`OpError`] never in practice, because the steps are checked one by one if necessary.
     pub fn replay(&mut self, steps: &[Step], whole: bool) -> Result<Vec<usize>, OpError> {
-        let mut next = Clip::clone(&self.clip);
-        let mut history = History::default();
-        for step in steps.iter().take(if whole { usize::MAX } else { 0 }) {
-            walk(&mut next, &mut history, step)?;
-        }
-        next.normalize();
-        if whole && let (Ok(()), Ok(command)) = (next.validate(), compile_for(&next, self.table()))
-        {
-            (self.clip, self.command, self.history) = (next.into(), command.into(), history);
-            self.rev += steps.len() as u64;
-            return Ok(Vec::new());
-        }
-        let mut skipped = Vec::new();
-        for (number, step) in steps.iter().enumerate() {
-            let mut next = Clip::clone(&self.clip);
-            let fits = match step {
-                Step::Edit { patch, .. } => {
-                    patch.put(&mut next);
-                    next.normalize();
-                    next.validate().is_ok()
-                }
-                Step::Undo | Step::Redo => true,
-            };
-            let nothing = match step {
-                Step::Edit { label, .. } => {
-                    Step::Edit { label: label.clone(), patch: Box::default() }
-                }
-                other => other.clone(),
-            };
-            if !fits {
-                skipped.push(number);
+        if whole {
+            let (next, history) = at_once(&self.clip, steps)?;
+            if let (Ok(()), Ok(command)) = (next.validate(), compile_for(&next, self.table())) {
+                (self.clip, self.command, self.history) = (next.into(), command.into(), history);
+                self.rev += steps.len() as u64;
+                return Ok(Vec::new());
             }
-            let clip = Arc::make_mut(&mut self.clip);
-            walk(clip, &mut self.history, if fits { step } else { &nothing })?;
-            clip.normalize();
         }
-        self.command = compile_for(&self.clip, self.table())?.into();
+        let (next, history, skipped) = one_by_one(&self.clip, steps)?;
+        self.command = compile_for(&next, self.table())?.into();
+        (self.clip, self.history) = (next.into(), history);
         self.rev += steps.len() as u64;
         Ok(skipped)
+    }
+
+    /// The clip to which [`Editor::replay`] leads. It is not compiled, so its robot may be unknown.
+    ///
+    /// # Errors
+    /// As [`Editor::replay`].
+    pub fn replayed(clip: &Clip, steps: &[Step], whole: bool) -> Result<Clip, OpError> {
+        if whole
+            && let (next, _) = at_once(clip, steps)?
+            && next.validate().is_ok()
+        {
+            return Ok(next);
+        }
+        Ok(one_by_one(clip, steps)?.0)
     }
 
     /// Applies one edit. An edit that changes nothing leaves no entry.
@@ -254,6 +242,42 @@ impl Editor {
 }
 
 /// Applies one recorded step without checking the clip.
+/// The clip and the history after these steps; the clip is not validated.
+fn at_once(clip: &Clip, steps: &[Step]) -> Result<(Clip, History), OpError> {
+    let (mut next, mut history) = (clip.clone(), History::default());
+    for step in steps {
+        walk(&mut next, &mut history, step)?;
+    }
+    next.normalize();
+    Ok((next, history))
+}
+
+/// The clip and the history after these steps, and the numbers of those that can no longer be applied.
+fn one_by_one(clip: &Clip, steps: &[Step]) -> Result<(Clip, History, Vec<usize>), OpError> {
+    let (mut clip, mut history, mut skipped) = (clip.clone(), History::default(), Vec::new());
+    for (number, step) in steps.iter().enumerate() {
+        let fits = match step {
+            Step::Edit { patch, .. } => {
+                let mut next = clip.clone();
+                patch.put(&mut next);
+                next.normalize();
+                next.validate().is_ok()
+            }
+            Step::Undo | Step::Redo => true,
+        };
+        let nothing = match step {
+            Step::Edit { label, .. } => Step::Edit { label: label.clone(), patch: Box::default() },
+            other => other.clone(),
+        };
+        if !fits {
+            skipped.push(number);
+        }
+        walk(&mut clip, &mut history, if fits { step } else { &nothing })?;
+        clip.normalize();
+    }
+    Ok((clip, history, skipped))
+}
+
 fn walk(clip: &mut Clip, history: &mut History, step: &Step) -> Result<(), OpError> {
     match step {
         Step::Edit { label, patch } => {
@@ -284,7 +308,7 @@ fn unreadable(e: &std::io::Error) -> OpError {
 #[cfg(test)]
 mod tests {
     use super::super::validate::CHECKS;
-    use super::super::{Key, KeysAdd, KeysMove, RobotRef};
+    use super::super::{Goal, Key, KeysAdd, KeysMove, KeysScale, RobotRef};
     use super::*;
 
     #[test]
@@ -312,6 +336,35 @@ mod tests {
         assert!(e.apply(&add(70)).is_err());
         while e.undo().unwrap().is_some() {}
         assert_eq!(e.clip(), &clip);
+    }
+
+    #[test]
+    fn a_key_for_some_joints_takes_nothing_from_the_others_where_it_lands() {
+        let joints = vec!["a".to_owned(), "b".to_owned()];
+        let clip = Clip::new(RobotRef { id: "r".into(), joints, ..RobotRef::default() }, 100);
+        let mut e = Editor::new(clip, None).unwrap();
+        let part = Key::with(30, Goal::Q(vec![Some(3.0), None])).held(5);
+        let keys = vec![Key::new(10, &[1.0, 2.0]), part];
+        e.apply(&Op::KeysAdd(KeysAdd { keys, replace: false })).unwrap();
+        let moved = KeysMove { frames: vec![30], df: -20, replace: true, ..KeysMove::default() };
+        e.apply(&Op::KeysMove(moved)).unwrap();
+        let key = e.clip().key(10).unwrap();
+        assert_eq!((e.clip().row(key).unwrap(), key.hold), (&vec![Some(3.0), Some(2.0)], 5));
+    }
+
+    #[test]
+    fn holds_stay_in_proportion() {
+        let joints = vec!["a".to_owned()];
+        let clip = Clip::new(RobotRef { id: "r".into(), joints, ..RobotRef::default() }, 100);
+        let mut e = Editor::new(clip, None).unwrap();
+        let keys = vec![Key::new(0, &[0.0]), Key::new(20, &[1.0]).held(10)];
+        e.apply(&Op::KeysAdd(KeysAdd { keys, replace: false })).unwrap();
+        for (factor, frame, hold) in [(0.5, 10, 5), (2.0, 20, 10), (0.1, 2, 1)] {
+            let frames = e.clip().keys.iter().map(|k| k.frame).collect();
+            e.apply(&Op::KeysScale(KeysScale { frames, pivot: 0, factor, replace: false }))
+                .unwrap();
+            assert_eq!((e.clip().keys[1].frame, e.clip().keys[1].hold), (frame, hold));
+        }
     }
 
     /// The whole clip is checked as often for 10,000 steps as for 100: replaying is linear.

@@ -8,7 +8,7 @@
 use super::document::{Clip, Row};
 use super::grid::round;
 use super::joints::{CouplingKind, JointTable};
-use robert_kinematics::Loops;
+use robert_kinematics::{Carried, Loops};
 
 /// The work that the loops of one clip may take, in multiplications: about a second. In clips with more keys for
 /// some joints only they are left as they are.
@@ -23,6 +23,8 @@ pub(super) struct Completed {
     groups: Vec<Vec<usize>>,
     /// For each joint, whether it follows another one, or a loop determines its value in some key.
     follows: Vec<bool>,
+    /// By key, for each joint whether a loop carries it there; empty where none does.
+    carried: Vec<Vec<bool>>,
 }
 
 impl Completed {
@@ -42,16 +44,20 @@ impl Completed {
         let affordable = |loops: &Loops<'_>| loops.work().saturating_mul(partly) <= WORK;
         let mut chain = loops.filter(affordable).map(|loops| Chain::new(clip, table, loops));
         let groups = groups(clip.dim(), &ties, chain.as_ref());
-        let mut complete = |row: &Row| {
+        let mut carried = vec![Vec::new(); rows.len()];
+        let mut complete = |i: usize, row: &Row| {
             let mut new = row.clone();
             follow(&mut new, &ties);
             if let Some(chain) = &mut chain {
+                let before = new.clone();
                 chain.close(&mut new);
                 follow(&mut new, &ties);
+                carried[i] = new.iter().zip(&before).map(|(new, old)| new != old).collect();
             }
             (new != *row).then_some(new)
         };
-        let new: Vec<Option<Row>> = rows.iter().map(|row| complete((*row)?)).collect();
+        let new: Vec<Option<Row>> =
+            rows.iter().enumerate().map(|(i, row)| complete(i, (*row)?)).collect();
         let mut follows = vec![false; clip.dim()];
         ties.iter().flat_map(|tie| &tie.joints).for_each(|(j, ..)| follows[*j] = true);
         for (old, new) in
@@ -61,7 +67,12 @@ impl Completed {
                 *follows |= old[j] != new[j];
             }
         }
-        Completed { rows: new, groups, follows }
+        Completed { rows: new, groups, follows, carried }
+    }
+
+    /// Whether a loop carries a joint to its value in a key. Between two keys it would leave a line.
+    pub(super) fn carries(&self, key: usize, joint: usize) -> bool {
+        self.carried.get(key).and_then(|joints| joints.get(joint)) == Some(&true)
     }
 
     /// Whether a key with these values opens a joint that it has no value for: one that follows others, which it
@@ -147,6 +158,11 @@ fn groups(dim: usize, ties: &[Tie], chain: Option<&Chain<'_>>) -> Vec<Vec<usize>
     (0..dim).map(same).collect()
 }
 
+/// The known joints are led from key to key by at most so much at a time, rad or m, and in so many steps: a loop can be
+/// closed in several ways, and from far away the nearest one may not be the one to which the mechanism moves.
+const STEP: f64 = 0.1;
+const STEPS: f64 = 32.0;
+
 /// The closed loops along the keys of a clip.
 struct Chain<'a> {
     loops: Loops<'a>,
@@ -167,18 +183,35 @@ impl<'a> Chain<'a> {
 
     /// Gives values to joints without one whose place the others determine.
     fn close(&mut self, row: &mut Row) {
-        let mut known = Vec::new();
-        for (at, value) in self.to_state.iter().zip(row.iter()) {
-            if let (Some(at), Some(value)) = (at, value) {
-                self.state[*at] = *value;
-                known.push(*at);
-            }
-        }
+        let goals = || {
+            let goals = self.to_state.iter().zip(row.iter());
+            goals.filter_map(|(at, value)| Some(((*at)?, (*value)?)))
+        };
+        let mut known: Vec<usize> = goals().map(|goal| goal.0).collect();
         known.sort_unstable();
+        let goals: Vec<(usize, f64)> = goals().collect();
+        let before = self.state.clone();
+        let way = goals.iter().map(|&(at, value)| (value - before[at]).abs()).fold(0.0, f64::max);
+        let steps = (way / STEP).ceil().clamp(1.0, STEPS) as usize;
+        let mut lead = |state: &mut [f64], step: usize| {
+            for &(at, value) in &goals {
+                state[at] = before[at] + (value - before[at]) * step as f64 / steps as f64;
+            }
+        };
         if known.len() == self.state.len() {
-            return;
+            return lead(&mut self.state, steps);
         }
-        let found = self.loops.carried(&self.state, &known);
+        let mut found = Carried { state: before.clone(), joints: Vec::new() };
+        for step in 1..=steps {
+            lead(&mut found.state, step);
+            let next = self.loops.carried(&found.state, &known);
+            // What could not be closed on the way may be closed in another way here.
+            let kept = |j: &usize| step == 1 || found.joints.contains(j);
+            found = Carried {
+                joints: next.joints.into_iter().filter(kept).collect(),
+                state: next.state,
+            };
+        }
         for (at, slot) in self.to_state.iter().zip(row.iter_mut()) {
             if let Some(at) = at.filter(|at| found.joints.binary_search(at).is_ok()) {
                 slot.get_or_insert_with(|| round(found.state[at]));

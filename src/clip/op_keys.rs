@@ -14,7 +14,7 @@ use super::reach::Reach;
 pub struct KeysAdd {
     /// The keys.
     pub keys: Vec<Key>,
-    /// Replace existing keys.
+    /// Replace existing keys. Joints that a new key has no value for keep theirs.
     #[serde(default)]
     pub replace: bool,
 }
@@ -63,7 +63,7 @@ pub struct KeysMove {
     /// Move later keys along, to keep distances. The clip grows if necessary.
     #[serde(default)]
     pub ripple: bool,
-    /// Replace existing keys.
+    /// Replace existing keys. Joints that a new key has no value for keep theirs.
     #[serde(default)]
     pub replace: bool,
     /// Keep the originals.
@@ -82,7 +82,7 @@ pub struct KeysScale {
     pub pivot: u32,
     /// New distance divided by the old one, above 0. Frames are rounded, holds are scaled too.
     pub factor: f64,
-    /// Replace existing keys.
+    /// Replace existing keys. Joints that a new key has no value for keep theirs.
     #[serde(default)]
     pub replace: bool,
 }
@@ -105,7 +105,7 @@ pub struct KeysPaste {
     pub at: u32,
     /// The keys; only their distances matter.
     pub keys: Vec<Key>,
-    /// Replace existing keys.
+    /// Replace existing keys. Joints that a new key has no value for keep theirs.
     #[serde(default)]
     pub replace: bool,
     /// Paste their mirror images.

@@ -113,7 +113,7 @@ pub enum Error {
     #[error(transparent)]
     Model(#[from] robert_net::Error),
     /// Stopped on request.
-    #[error("stopped at frame {frame}")]
+    #[error("stopped{}", if *frame == 0 { String::new() } else { format!(" at frame {frame}") })]
     Cancelled {
         /// Frames simulated so far.
         frame: usize,

@@ -71,9 +71,14 @@ pub(super) fn draft(
         }
         policies.push(text);
     }
+    let mut suites = Vec::new();
     for suite in &spec.suites {
         for suite in tasks::expand(suite) {
             let suite = whole(suite)?;
+            if suites.contains(&suite) {
+                return Err(fail(&format!("suite {suite} is listed twice")));
+            }
+            suites.push(suite.clone());
             let clips = clips(robot, &suite)?;
             progress.log(&format!("checking {} clips of {suite}", clips.len()));
             for (name, clip) in &clips {

@@ -133,7 +133,9 @@ fn script(dir: &Path, plan: &Plan, tasks: &Path, array: &str, options: &Options)
         options.cpus, options.memory, options.time
     ));
     line(&format!("#SBATCH --requeue --open-mode=append --signal=B:USR1@{}", options.warn_secs));
-    line(&format!("#SBATCH --output={}/log/%A_%a.log", dir.display()));
+    // A percent sign of the folder's name is no pattern.
+    let folder = dir.to_string_lossy().replace('%', "%%");
+    line(&format!("#SBATCH --output={}/log/%A_%a.log", quoted(&folder)));
     if !options.sbatch.is_empty() {
         line(&format!("#SBATCH {}", options.sbatch.join(" ")));
     }

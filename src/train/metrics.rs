@@ -210,13 +210,16 @@ impl Metrics {
         found.min_by(|a, b| a.1.total_cmp(&b.1))
     }
 
-    /// The number of last closed-loop evaluations in a row that were much worse than the best.
+    /// The number of last closed-loop evaluations in a row that were much worse than the best and no better than
+    /// the one before.
     pub fn worse_in_a_row(&self) -> u64 {
         /// Precision beyond this multiple of the best is no noise of a high learning rate.
         const MUCH: f64 = 2.0;
         let Some((_, best)) = self.best() else { return 0 };
-        let found = self.iter().rev().filter_map(Metric::closed_loop);
-        found.take_while(|(_, e)| e.precision > MUCH * best).count() as u64
+        let found = self.iter().filter_map(Metric::closed_loop).map(|(_, e)| e.precision);
+        let found: Vec<f64> = found.collect();
+        let gets_worse = |pair: &&[f64]| pair[1] > MUCH * best && pair[1] >= pair[0];
+        found.windows(2).rev().take_while(gets_worse).count() as u64
     }
 
     /// Step of the last closed-loop evaluation.

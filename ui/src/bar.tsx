@@ -96,7 +96,7 @@ function Title() {
         title="Rename the clip (F2)"
         onClick={() => act("rename")}
       >
-        {d.clip.name || "untitled"}
+        <span>{d.clip.name || "untitled"}</span>
         {d.dirty ? <i class="dirty" role="img" aria-label="not saved" /> : null}
       </button>
       {file ? (

@@ -25,7 +25,7 @@ function History({ onClose }: { onClose: () => void }) {
     <Dialog title={`History: ${h.done} of ${h.len} edits done`} onClose={onClose}>
       <ol class="history" reversed data-testid="history">
         {rows.map((r) => (
-          <li key={r.done} class={r.done > h.done ? "undone" : ""}>
+          <li key={r.done} value={r.done} class={r.done > h.done ? "undone" : ""}>
             <button
               class="quiet"
               aria-current={r.done === h.done ? "step" : undefined}
@@ -35,8 +35,12 @@ function History({ onClose }: { onClose: () => void }) {
             </button>
           </li>
         ))}
-        {h.first > 0 ? <li class="undone">{h.first} earlier edits</li> : null}
-        <li>
+        {h.first > 0 ? (
+          <li value={h.first} class="undone">
+            {h.first} earlier edits
+          </li>
+        ) : null}
+        <li value={0}>
           <button class="quiet" aria-current={h.done === 0 ? "step" : undefined} onClick={() => go(0)}>
             The clip as it was opened
           </button>

@@ -9,7 +9,7 @@ import { ended, fetchFile, isRunning, saveUrl, startExport } from "./jobs";
 import { labelInWords } from "./policy_words";
 import type { ExportFormat } from "./protocol";
 import * as store from "./store";
-import { complain, http } from "./wire";
+import { complain, http, httpFile } from "./wire";
 
 /** What can be made, as the studio lists it; asked for once. */
 const formats = signal<ExportFormat[]>([]);
@@ -67,7 +67,8 @@ export function Export({ onClose }: { onClose: () => void }) {
 
   const clipFile = async (): Promise<string> => {
     const format = f.format === "command" ? "csv" : f.format;
-    return URL.createObjectURL(await http("GET /api/export", { query: { format } }));
+    // A clip is JSON, too.
+    return URL.createObjectURL(await httpFile("GET /api/export", { query: { format } }));
   };
   const run = async (toFolder: boolean): Promise<void> => {
     said.value = "";

@@ -68,11 +68,17 @@ export function Hint({ text }: { text: string }) {
         .filter(Boolean)
         .join(" · ");
     };
+    // A key that is let go in the 3D view is not heard here.
+    const forget = (): void => {
+      held.value = "";
+    };
     window.addEventListener("keydown", on);
     window.addEventListener("keyup", on);
+    window.addEventListener("blur", forget);
     return () => {
       window.removeEventListener("keydown", on);
       window.removeEventListener("keyup", on);
+      window.removeEventListener("blur", forget);
     };
   }, []);
   const d = store.doc.value;

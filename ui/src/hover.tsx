@@ -2,7 +2,7 @@
 
 import { computed, signal } from "@preact/signals";
 import { isLocked } from "./locks";
-import { poseAt } from "./posing";
+import { valueAt } from "./posing";
 import { siteTitle } from "./sites";
 import * as store from "./store";
 
@@ -70,7 +70,7 @@ export function Tip() {
     moving?.[joint ?? ""] ??
     store.floating.value?.[index] ??
     store.frames.value.q[frame]?.[index] ??
-    poseAt(d.clip, frame)[index];
+    valueAt(d.clip, index, frame);
   return (
     <div class="tip" style={`left: ${at.x + 14}px; top: ${at.y + 10}px`} data-testid="tip">
       {pulled.length > 1 && store.site.value ? (

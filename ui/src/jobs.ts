@@ -8,12 +8,15 @@ import { complain, http } from "./wire";
 /** The source of the robot that was imported last: the training page turns to it. */
 export const imported = signal<string | undefined>(undefined);
 
+/** Lines of a job that are kept, as many as the server keeps. */
+const LINES = 2000;
+
 /** A job has something new to say. */
 export function onJob(job: JobView): void {
   const before = store.jobs.value.get(job.id);
   store.jobs.value = new Map(store.jobs.value).set(job.id, {
     ...job,
-    lines: [...(before?.lines ?? []), ...newLines(job, before)],
+    lines: [...(before?.lines ?? []), ...newLines(job, before)].slice(-LINES),
   });
   if (
     before?.phase !== job.phase &&

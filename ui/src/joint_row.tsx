@@ -10,7 +10,7 @@ import { Icon } from "./icon";
 import { rightShown } from "./layout";
 import { isLocked } from "./locks";
 import { ANGLES, fixed, LENGTHS, parseNumber } from "./numbers";
-import { jointMoved, poseAt } from "./posing";
+import { jointMoved, valueAt } from "./posing";
 import * as store from "./store";
 import { tell } from "./wire";
 
@@ -24,8 +24,8 @@ export function Joint({ index, again = "" }: { index: number; again?: string }) 
   const fact = d?.table.joints[index];
   if (!d || !fact) return null;
   const frame = store.playhead.value;
-  const pose = store.floating.value ?? poseAt(d.clip, frame);
-  const value = live.value ?? store.moving.value?.[fact.name] ?? pose[index] ?? 0;
+  const pose = store.floating.value?.[index] ?? valueAt(d.clip, index, frame);
+  const value = live.value ?? store.moving.value?.[fact.name] ?? pose;
   const unit = fact.unit;
   const scale = unit === "rad" && store.degrees.value ? 180 / Math.PI : 1;
   // A joint without stops has a slider about its value, which stands still while it is dragged.

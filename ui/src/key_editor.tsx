@@ -1,7 +1,7 @@
 // The values of one key, typed.
 
 import { useSignal } from "@preact/signals";
-import { clock, keyAt, parseTime } from "./clip";
+import { clock, keyAt, parseTime, values } from "./clip";
 import { Answers, Dialog } from "./dialog";
 import { ANGLES, fixed, LENGTHS, parseNumber } from "./numbers";
 import { barePose } from "./posing";
@@ -21,14 +21,23 @@ export function KeyEditor({ frame, onClose }: { frame: number; onClose: () => vo
   const hold = useSignal(String(key?.hold ?? 1));
   const scale = (j: number): number =>
     d.table.joints[j]?.unit === "rad" && store.degrees.value ? 180 / Math.PI : 1;
-  const fields = useSignal(q.map((v, j) => fixed(v * scale(j), scale(j) === 1 ? 4 : 2)));
+  const shown = (v: number, j: number): string => fixed(v * scale(j), scale(j) === 1 ? 4 : 2);
+  const own = key && values(d.clip, key);
+  // The key says nothing about a joint whose field is empty.
+  const before = q.map((v, j) => (own && typeof own[j] !== "number" ? "" : shown(v, j)));
+  const fields = useSignal(before);
   const done = async (): Promise<void> => {
-    const changes: Record<string, number> = {};
+    const changes: Record<string, number | null> = {};
     for (const [j, text] of fields.value.entries()) {
+      if (text.trim() === before[j]) continue;
       const n = parseNumber(text, d.table.joints[j]?.unit === "m" ? LENGTHS : ANGLES, 1 / scale(j));
       const name = d.clip.robot.joints[j] ?? "";
+      if (text.trim() === "") {
+        changes[name] = null;
+        continue;
+      }
       if (n === undefined) return store.toast(`${name}: "${text}" is not a number`, "error");
-      if (Math.abs(n - (q[j] ?? 0)) > 5e-5) changes[name] = n;
+      changes[name] = n;
     }
     const [held, to] = [wholeFrames(hold.value), wholeFrames(at.value)];
     if (held === undefined || held < 1)
@@ -87,6 +96,8 @@ export function KeyEditor({ frame, onClose }: { frame: number; onClose: () => vo
               <input
                 type="text"
                 value={t}
+                placeholder={shown(q[j] ?? 0, j)}
+                title="empty: the key says nothing about this joint"
                 onInput={(e) =>
                   (fields.value = fields.value.map((x, i) => (i === j ? e.currentTarget.value : x)))
                 }

@@ -1,7 +1,8 @@
 // A pose under a hand: by a slider, a typed value, a drag in the viewport, inverse kinematics.
 // While it moves the rollout follows as a preview; when it is let go there is one edit.
 
-import { type Clip, changedBy, keyAt, newKey, values } from "./clip";
+import { type Clip, changedBy, keyAt, type Mask, newKey, prevKey, values } from "./clip";
+import { commandedAt } from "./graph/curve";
 import { addedAt } from "./layers";
 import { unlocked } from "./locks";
 import { shapingEdit } from "./offsets";
@@ -9,16 +10,29 @@ import type { Op } from "./protocol";
 import * as store from "./store";
 import { applyOp, ask, edit, tell } from "./wire";
 
-/** The pose at the playhead: the key there, else what is commanded or achieved. */
+/** The pose at the playhead: what is commanded there; for joints that are left to the policy what is achieved,
+ * within their ranges. */
 export function poseAt(clip: Clip, frame: number): number[] {
-  const d = store.doc.value;
-  const rest = d?.table.rest ?? [];
-  const key = clip.keys.find((k) => k.frame === frame);
-  const achieved = store.frames.value.q[frame];
-  const before = clip.keys.filter((k) => k.frame <= frame).at(-1) ?? clip.keys[0];
-  const own = key && values(clip, key).map((v, j) => (v === null ? v : v + addedAt(clip, j, frame)));
-  const from = own ?? achieved ?? (before ? values(clip, before) : rest);
-  return clip.robot.joints.map((_, j) => from[j] ?? achieved?.[j] ?? rest[j] ?? 0);
+  return clip.robot.joints.map((_, j) => valueAt(clip, j, frame));
+}
+
+/** The value of one joint of [`poseAt`]. */
+export function valueAt(clip: Clip, joint: number, frame: number): number {
+  const name = clip.robot.joints[joint] ?? "";
+  const commanded = isMasked(clip, name, frame) ? undefined : commandedAt(clip, joint, frame);
+  if (commanded !== undefined) return commanded;
+  const table = store.doc.value?.table;
+  const achieved = store.frames.value.q[frame]?.[joint];
+  const before = prevKey(clip, frame + 1) ?? clip.keys[0];
+  const v = achieved ?? (before && values(clip, before)[joint]) ?? table?.rest[joint] ?? 0;
+  const [lo, hi] = table?.joints[joint]?.range ?? [v, v];
+  return Math.min(Math.max(v, lo), hi);
+}
+
+/** Whether a mask hides a joint at a frame. */
+function isMasked(clip: Clip, joint: string, frame: number): boolean {
+  const hides = (m: Mask): boolean => m.from <= frame && frame < m.to && (m.joints?.includes(joint) ?? true);
+  return !keyAt(clip, frame) && (clip.masks?.some(hides) ?? false);
 }
 
 /** The pose that a key there would have. */
@@ -53,8 +67,14 @@ function poseEdit(wanted: Record<string, number>): Op | undefined {
   if (store.shaping.value) return shapingEdit(wanted);
   const frame = store.playhead.value;
   const changes = bare(d.clip, frame, wanted);
-  const key = d.clip.keys.find((k) => k.frame === frame);
-  if (key) return { op: "keys.set", args: { frame, values: changes } };
+  const key = keyAt(d.clip, frame);
+  const set: Op = { op: "keys.set", args: { frame, values: changes } };
+  // End-effector goals would overrule the values.
+  if (key?.reach?.length) {
+    const ops: Op[] = [{ op: "keys.bake", args: { frames: [frame] } }, set];
+    return { op: "batch", args: { label: `Pose the key at ${frame}`, ops } };
+  }
+  if (key) return set;
   if (base?.frame !== frame || base.rev !== d.rev) base = { frame, rev: d.rev, q: barePose(d.clip, frame) };
   const q = [...base.q];
   d.clip.robot.joints.forEach((name, j) => {
@@ -89,7 +109,8 @@ export async function jointMoved(changes: Record<string, number>, done: boolean)
   if (done) {
     base = undefined;
     endPreview();
-    await applyOp(e);
+    if ((await applyOp(e)) && e.op === "batch")
+      store.toast("the end-effector goals of this key are joint values now; Shift+K keys a point again");
     tell("preview.end");
   } else preview(e);
 }
@@ -164,7 +185,7 @@ export async function keyFloating(): Promise<void> {
   const own = q.map((v, j) => v - addedAt(d.clip, j, frame));
   const changes = key && changedBy(d.clip, key, own);
   const done = !changes
-    ? await edit("keys.add", { keys: [newKey(d.clip, frame, own)] })
+    ? await edit("keys.add", { keys: [newKey(d.clip, frame, unlocked(own))] })
     : Object.keys(changes).length === 0 || (await edit("keys.set", { frame, values: changes }));
   if (!done) return;
   dropFloating();

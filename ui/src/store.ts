@@ -202,7 +202,7 @@ export function shownError(value: number, unit: "rad" | "m"): string {
         ? v.toPrecision(2)
         : Math.abs(v) < 1e-9
           ? "0"
-          : v.toExponential(0);
+          : v.toFixed(-Math.floor(Math.log10(Math.abs(v))));
   if (unit === "m") return `${figures(value * 1000)} mm`;
   return degrees.value ? `${figures((value * 180) / Math.PI)}°` : `${figures(value)} rad`;
 }

@@ -57,6 +57,20 @@ export async function http<R extends Route>(
   route: R,
   ...[given]: Rest<Given<R>>
 ): Promise<Routes[R]["answer"]> {
+  const answer = await requested(route, ...([given] as Rest<Given<R>>));
+  const kind = answer.headers.get("content-type") ?? "";
+  if (answer.status === 204) return undefined as Routes[R]["answer"];
+  return kind.startsWith("application/json")
+    ? answer.json()
+    : (answer.blob() as Promise<Routes[R]["answer"]>);
+}
+
+/** A file of the studio, whatever it contains. */
+export async function httpFile<R extends Route>(route: R, ...[given]: Rest<Given<R>>): Promise<Blob> {
+  return (await requested(route, ...([given] as Rest<Given<R>>))).blob();
+}
+
+async function requested<R extends Route>(route: R, ...[given]: Rest<Given<R>>): Promise<Response> {
   const { body } = (given ?? {}) as { body?: string | Blob | object };
   const init: RequestInit = { method: route.split(" ")[0] ?? "GET", credentials: "same-origin" };
   if (body instanceof Blob) {
@@ -70,11 +84,7 @@ export async function http<R extends Route>(
   }
   const answer = await fetch(addressOf(route, ...([given] as Rest<Aimed<R>>)), init);
   if (!answer.ok) throw await refusal(answer);
-  const kind = answer.headers.get("content-type") ?? "";
-  if (answer.status === 204) return undefined as Routes[R]["answer"];
-  return kind.startsWith("application/json")
-    ? answer.json()
-    : (answer.blob() as Promise<Routes[R]["answer"]>);
+  return answer;
 }
 
 async function refusal(answer: Response): Promise<Refusal> {

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use super::error::{Done, OpError, argument};
 use crate::command::Command;
 use crate::compile::compile_for;
-use crate::document::{Clip, Key, Row};
+use crate::document::{Clip, Goal, Key, Row};
 use crate::flaw::hint;
 use crate::grid::round;
 use crate::joints::JointTable;
@@ -35,6 +35,39 @@ impl Edit<'_> {
             return Err(OpError::NoKey { frame });
         }
         Ok(())
+    }
+
+    /// Adds keys that come from elsewhere. Where there is a key already, the edit is refused; or the new key takes its
+    /// place, and joints that the new one says nothing about keep their values.
+    pub(super) fn land(&mut self, mut keys: Vec<Key>, replace: bool) -> Done {
+        for key in keys.iter_mut().filter(|_| replace) {
+            if let Some(old) = self.clip.key(key.frame) {
+                self.merge(key, old);
+            }
+        }
+        self.place(keys, replace)
+    }
+
+    /// Gives a key the values and slopes of another one for joints that it says nothing about. End-effector goals
+    /// decide over all joints.
+    fn merge(&self, key: &mut Key, old: &Key) {
+        if !key.reach.is_empty() || !old.reach.is_empty() {
+            return;
+        }
+        let (mut row, before) = (self.row_of(key), self.row_of(old));
+        let mut merged = false;
+        for ((slot, value), joint) in row.iter_mut().zip(before).zip(&self.clip.robot.joints) {
+            if slot.is_some() || value.is_none() {
+                continue;
+            }
+            (*slot, merged) = (value, true);
+            if let Some(tangent) = old.tangents.get(joint) {
+                key.tangents.insert(joint.clone(), *tangent);
+            }
+        }
+        if merged {
+            key.goal = Goal::Q(row);
+        }
     }
 
     /// Adds keys. An existing key is replaced, or the edit is refused.

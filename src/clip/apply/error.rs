@@ -54,7 +54,7 @@ pub enum OpError {
     },
     /// Keys, offsets or markers are beyond a new end.
     #[error(
-        "{count} keys, offsets and markers are beyond frame {length}; move or delete them first"
+        "{count} keys, offsets or markers are at frame {length} or later; move or delete them first, or cut the clip there"
     )]
     Beyond {
         /// How many.

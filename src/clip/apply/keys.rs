@@ -94,7 +94,7 @@ impl Edit<'_> {
         for key in &mut keys {
             key.frame = self.shifted(i64::from(key.frame).saturating_add(a.df))?;
         }
-        self.place(keys, a.replace)
+        self.land(keys, a.replace)
     }
 
     pub(super) fn keys_scale(&mut self, a: &KeysScale) -> Done {
@@ -108,15 +108,20 @@ impl Edit<'_> {
         for key in &mut keys {
             let distance = f64::from(key.frame) - f64::from(a.pivot);
             key.frame = self.shifted((f64::from(a.pivot) + distance * a.factor).round() as i64)?;
-            // The last frame of a hold scales like any other.
-            let hold = 1.0 + (f64::from(key.hold.saturating_sub(1)) * a.factor).round();
-            key.hold = hold.clamp(1.0, f64::from(limits::CLIP_FRAMES)) as u32;
+            // A hold scales with its end, so that what was in proportion stays so.
+            let end = f64::from(a.pivot) + (distance + f64::from(key.hold)) * a.factor;
+            let hold = end.round() - f64::from(key.frame);
+            key.hold = if key.hold > 1 {
+                hold.clamp(1.0, f64::from(limits::CLIP_FRAMES)) as u32
+            } else {
+                1
+            };
             // The curve keeps its shape: slopes are changes per second.
             for tangent in key.tangents.values_mut() {
                 *tangent = tangent.map(|slope| slope / a.factor);
             }
         }
-        self.place(keys, a.replace)
+        self.land(keys, a.replace)
     }
 
     pub(super) fn keys_paste(&mut self, a: &KeysPaste) -> Done {
@@ -133,7 +138,7 @@ impl Edit<'_> {
         if let Some(names) = &a.joints {
             self.keep_others(&mut keys, names)?;
         }
-        self.place(keys, a.replace)
+        self.land(keys, a.replace)
     }
 
     /// Gives all other joints the value of the key that is at each of these frames. Without one they have none, so
@@ -221,9 +226,8 @@ impl Edit<'_> {
         let gone = superfluous(self.clip, &chosen, a.tolerance);
         if gone.is_empty() {
             return argument(format!(
-                "none of these {} keys can be removed: each is more than {} off the line between its neighbours, or holds more than values",
+                "none of these {} keys can be removed: each is farther off the line between its neighbours than the tolerance, or holds more than values",
                 chosen.len(),
-                a.tolerance
             ));
         }
         self.clip.keys.retain(|k| !gone.contains(&k.frame));

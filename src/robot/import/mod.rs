@@ -57,8 +57,10 @@ const REPORT_FILE: &str = "import.json";
 pub fn import(config: &ImportConfig) -> Result<Report, Error> {
     let out = &config.out;
     let unfit = |message: String, path: &Path| Error::Unfit { message, path: path.to_owned() };
-    let occupied = out.read_dir().is_ok_and(|mut d| d.next().is_some()) || out.is_file();
-    if occupied {
+    if out.is_file() {
+        return Err(unfit("this is a file; name a folder for the robot".into(), out));
+    }
+    if out.read_dir().is_ok_and(|mut d| d.next().is_some()) {
         return Err(unfit("the folder exists and is not empty; name another one".into(), out));
     }
     let effort_is_wrong = config.effort.is_some_and(|e| !(e.is_finite() && e > 0.0));

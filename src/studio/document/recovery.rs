@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use super::content::Document;
 use super::opening::steps;
-use super::places::{journal_places, open_journal};
+use super::places::{Found, journal_places, open_journal};
 use crate::document::journal::{Damage, Journal, Record};
 use crate::protocol::{Draft, Error};
 use robert_base::fsio;
@@ -124,19 +124,7 @@ impl Document {
         number: u32,
         table: impl FnOnce(&Clip) -> Option<JointTable>,
     ) -> Result<Document, Error> {
-        let path = state_dir.join(format!("untitled-{number}.autosave"));
-        if !path.is_file() {
-            return Err(Error::NotFound { what: format!("unsaved clip {number}") });
-        }
-        // A search for drafts may still hold the lock: see `orphan`.
-        let mut tries = 0;
-        let (journal, records, damage) = loop {
-            match Journal::open(&path) {
-                Err(Error::Locked { .. }) if tries < LOCK_TRIES => tries += 1,
-                opened => break opened?,
-            }
-            std::thread::sleep(LOCK_PAUSE);
-        };
+        let (journal, records, damage) = draft_journal(state_dir, number)?;
         let mut document = Document::from_journal(journal, &records, damage, table)?;
         if records.last() == Some(&Record::Closed) {
             document.taken_up();
@@ -149,15 +137,30 @@ impl Document {
     /// # Errors
     /// As [`Document::draft`].
     pub(crate) fn drop_draft(state_dir: &Path, number: u32) -> Result<(), Error> {
-        Document::draft(state_dir, number, |_| None)?.journal.remove();
+        draft_journal(state_dir, number)?.0.remove();
         Ok(())
+    }
+}
+
+/// The journal of an unsaved clip.
+fn draft_journal(state_dir: &Path, number: u32) -> Result<Found, Error> {
+    let path = state_dir.join(format!("untitled-{number}.autosave"));
+    if !path.is_file() {
+        return Err(Error::NotFound { what: format!("unsaved clip {number}") });
+    }
+    // A search for drafts may still hold the lock: see `orphan`.
+    let mut tries = 0;
+    loop {
+        match Journal::open(&path) {
+            Err(Error::Locked { .. }) if tries < LOCK_TRIES => tries += 1,
+            opened => return opened,
+        }
+        std::thread::sleep(LOCK_PAUSE);
     }
 }
 
 /// The clip that results from the records of a draft; the journal stays as it is.
 fn drafted(records: &[Record], damage: &Damage) -> Option<Clip> {
     let Some(Record::Base { text, path: None }) = records.first() else { return None };
-    let mut editor = Editor::new(Clip::parse(text).ok()?, None).ok()?;
-    editor.replay(&steps(records), damage.lost.is_empty()).ok()?;
-    Some(editor.clip().clone())
+    Editor::replayed(&Clip::parse(text).ok()?, &steps(records), damage.lost.is_empty()).ok()
 }

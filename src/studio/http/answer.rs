@@ -107,5 +107,7 @@ pub(crate) async fn apart<T: Send + 'static>(
     what: &'static str,
     work: impl FnOnce() -> T + Send + 'static,
 ) -> Result<T, Error> {
-    tokio::task::spawn_blocking(work).await.map_err(|_panicked| Error::request(what))
+    tokio::task::spawn_blocking(work)
+        .await
+        .map_err(|panicked| Error::Server(std::io::Error::other(format!("{what}: {panicked}"))))
 }

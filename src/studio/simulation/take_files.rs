@@ -57,7 +57,7 @@ pub(super) struct Found {
 impl TakeFiles {
     /// Reads what earlier studios have kept.
     pub(super) fn open(dir: PathBuf) -> (TakeFiles, Found) {
-        let mut found = Found::default();
+        let (mut found, mut bytes) = (Found::default(), 0);
         let mut written = BTreeMap::new();
         fsio::sweep(&dir);
         let entries = std::fs::read_dir(&dir).into_iter().flatten().flatten();
@@ -70,7 +70,11 @@ impl TakeFiles {
                 continue;
             }
             match read(&path) {
+                Ok(take) if bytes + take.bytes() > limits::TAKES_PINNED_BYTES => {
+                    found.skipped.push(format!("a take too large is kept: {}", path.display()));
+                }
                 Ok(mut take) => {
+                    bytes += take.bytes();
                     if written.contains_key(&take.id) {
                         take.id = written.keys().last().map_or(1, |last| last + 1);
                     }
@@ -153,7 +157,8 @@ fn write(dir: &Path, take: &Take) -> Result<PathBuf, fsio::Error> {
 }
 
 fn read(path: &Path) -> Result<Take, String> {
-    let bytes = fsio::read_capped(path, limits::TAKES_BYTES as u64).map_err(|e| e.to_string())?;
+    let bytes = fsio::read_capped(path, 2 * limits::TAKES_PINNED_BYTES as u64)
+        .map_err(|e| e.to_string())?;
     let rest = bytes.strip_prefix(MAGIC).ok_or("it is no pinned take")?;
     let (sum, body) = rest.split_first_chunk::<4>().ok_or("it is cut off")?;
     if crc32fast::hash(body) != u32::from_le_bytes(*sum) {

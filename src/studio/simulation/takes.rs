@@ -87,7 +87,7 @@ impl Quality {
 }
 
 impl Take {
-    fn bytes(&self) -> usize {
+    pub(super) fn bytes(&self) -> usize {
         let q: usize = self.motion.q.iter().map(|row| 4 * row.len() + 24).sum();
         let bodies: usize = self.motion.bodies.iter().map(|row| 4 * row.len() + 16).sum();
         q + bodies + 16 * self.motion.error.len()
@@ -216,6 +216,12 @@ impl Takes {
         // One place stays free for the current motion.
         if pinned && others + 1 >= limits::TAKES {
             return Err(Error::Full { what: "pinned takes", cap: limits::TAKES - 1 });
+        }
+        let stays = |t: &&Take| t.pinned || t.id == id;
+        let bytes: usize = self.kept.iter().filter(stays).map(Take::bytes).sum();
+        if pinned && bytes > limits::TAKES_PINNED_BYTES {
+            let cap = limits::TAKES_PINNED_BYTES;
+            return Err(Error::Full { what: "bytes of pinned takes", cap });
         }
         self.take(id)?.pinned = pinned;
         Ok(())
@@ -373,6 +379,12 @@ pub(super) mod tests {
         let view = takes.view(Some("r"), None);
         assert!((1..=3).contains(&view.takes.len()), "{}", view.takes.len());
         let id = view.takes[0].id;
+        takes.pin(id, true).unwrap();
+        let full = takes.pin(view.takes[1].id, true);
+        assert!(
+            matches!(full, Err(Error::Full { cap: limits::TAKES_PINNED_BYTES, .. })),
+            "{full:?}"
+        );
         for bad in ["", "  ", "a\nb", &"x".repeat(257)] {
             assert!(takes.name(id, bad).is_err(), "{bad:?}");
         }

@@ -1,6 +1,7 @@
 //! The robots, collected data and training runs in the studio's folder. Read on demand; nothing
 //! here is kept.
 
+use std::io::{Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
@@ -46,6 +47,19 @@ pub(crate) fn list(folder: &Path) -> Shelf {
         there
     });
     Shelf { runs, data, begun, presets: robert_train::PRESETS.to_vec() }
+}
+
+/// The last step of the metrics of a run. Its last lines suffice; a long run has very many.
+fn last_step(dir: &Path) -> Option<u64> {
+    const TAIL: u64 = 65_536;
+    let mut file = fsio::open_regular(&dir.join("metrics.jsonl")).ok()?;
+    let from = file.metadata().ok()?.len().saturating_sub(TAIL);
+    file.seek(SeekFrom::Start(from)).ok()?;
+    let mut tail = Vec::new();
+    file.take(TAIL).read_to_end(&mut tail).ok()?;
+    let text = String::from_utf8_lossy(&tail);
+    let step = |l: &str| serde_json::from_str::<Value>(l).ok()?.get("step")?.as_u64();
+    text.lines().filter_map(step).max()
 }
 
 /// The metrics of a run, thinned to what a chart can show.
@@ -102,7 +116,7 @@ fn run(folder: &Path, dir: &Path) -> Option<RunCard> {
         .find_map(|p| p.metadata().ok()?.modified().ok())
         .and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok())
         .map_or(0, |d| d.as_secs());
-    let last = curves(dir).iter().filter_map(|l| l.get("step")?.as_u64()).max();
+    let last = last_step(dir);
     Some(RunCard {
         path: relative(folder, dir),
         robot: card.as_ref().map(|c| c.robot.id.clone()),

@@ -2,7 +2,8 @@
 
 import { type Key, keyAt, keyEnd, newKey, nextKey, prevKey, replaced } from "../clip";
 import { drawing, needsSpaceAndSite, toggleDrawing } from "../draw";
-import { needsPoint, nudgeValue } from "../graph/edits";
+import { deletePoints, needsPoint, nudgeValue } from "../graph/edits";
+import { sheetTab } from "../layout";
 import { toggleLock, unlocked, unlockedOnly } from "../locks";
 import { menuByKey } from "../menu";
 import { deleteOffset, needsOffset } from "../offsets";
@@ -145,13 +146,14 @@ export const KEYS: Action[] = [
   },
   {
     id: "delete",
-    title: "Delete keys",
+    title: "Delete keys; in the graph, take the selected joints out of them",
     group: "Keys",
     keys: ["Delete", "X"],
     not: () => (store.selection.value.size ? undefined : needsOffset() && needsKeys()),
     run: () => {
       // An offset is chosen when no key is.
       if (store.selection.value.size === 0) return void deleteOffset();
+      if (sheetTab.value === "graph") return void deletePoints();
       void edit("keys.delete", { frames: selected() }).then(
         (ok) => ok && (store.selection.value = new Set()),
       );

@@ -1009,7 +1009,7 @@ export interface Key {
 export interface KeysAdd {
   /** The keys. */
   keys: Key[];
-  /** Replace existing keys. */
+  /** Replace existing keys. Joints that a new key has no value for keep theirs. */
   replace?: boolean;
 }
 
@@ -1035,7 +1035,7 @@ export interface KeysMove {
   df: number;
   /** The frames of the keys. */
   frames: number[];
-  /** Replace existing keys. */
+  /** Replace existing keys. Joints that a new key has no value for keep theirs. */
   replace?: boolean;
   /** Move later keys along, to keep distances. The clip grows if necessary. */
   ripple?: boolean;
@@ -1051,7 +1051,7 @@ export interface KeysPaste {
   keys: Key[];
   /** Paste their mirror images. */
   mirrored?: boolean;
-  /** Replace existing keys. */
+  /** Replace existing keys. Joints that a new key has no value for keep theirs. */
   replace?: boolean;
 }
 
@@ -1063,7 +1063,7 @@ export interface KeysScale {
   frames: number[];
   /** The frame that does not move. */
   pivot: number;
-  /** Replace existing keys. */
+  /** Replace existing keys. Joints that a new key has no value for keep theirs. */
   replace?: boolean;
 }
 

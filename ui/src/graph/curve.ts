@@ -34,7 +34,7 @@ function nodes(clip: Clip, joint: number): Node[] {
     return {
       frame: key.frame,
       last: Math.min(keyEnd(key), own[i + 1]?.frame ?? clip.length) - 1,
-      value: typeof value === "number" ? value : undefined,
+      value: typeof value === "number" && !key.reach?.length ? value : undefined,
       fill: fillAfter(clip, key),
       tangent: key.tangents?.[name],
     };
@@ -120,40 +120,37 @@ export function stretches(clip: Clip, joint: number): Stretch[] {
 /** The stretches of the keys alone. */
 export function bareStretches(clip: Clip, joint: number): Stretch[] {
   const all = nodes(clip, joint);
+  return all.flatMap((_, i) => after(clip, all, i));
+}
+
+/** The stretches from node `i` to the next one. */
+function after(clip: Clip, all: Node[], i: number): Stretch[] {
+  const n = all[i];
+  const value = n?.value;
+  if (!n || value === undefined) return [];
+  const flat = (frames: number): number[] => new Array(frames + 1).fill(value);
   const made: Stretch[] = [];
-  all.forEach((n, i) => {
-    const { value } = n;
-    if (value === undefined) return;
-    const flat = (frames: number): number[] => new Array(frames + 1).fill(value);
-    if (n.last > n.frame)
-      made.push({ kind: "key", from: n.frame, to: n.last, values: flat(n.last - n.frame) });
-    const next = all[i + 1];
-    const until = next?.frame ?? clip.length - 1;
-    if (until <= n.last) return;
-    const width = until - n.last;
-    if (n.fill === "hold" || (!next && n.fill !== "mask")) {
-      made.push({ kind: "hold", from: n.last, to: until, values: flat(width) });
-      return;
-    }
-    const to = next?.value;
-    if (to === undefined) return;
-    if (n.fill === "mask") {
-      made.push({ kind: "masked", from: n.last, to: until, values: [value, to] });
-      return;
-    }
-    const line = (to - value) / width;
-    const ends = (): [number, number] => [
-      side(clip, all, i, "out", line) * width,
-      side(clip, all, i + 1, "in", line) * width,
-    ];
-    const [da, db] = n.fill === "cubic" ? ends() : [0, 0];
-    const row = Array.from({ length: width + 1 }, (_, k) => {
-      const s = k / width;
-      return n.fill === "cubic" ? hermite(s, value, to, da, db) : value + s * (to - value);
-    });
-    made.push({ kind: n.fill, from: n.last, to: until, values: row });
+  if (n.last > n.frame) made.push({ kind: "key", from: n.frame, to: n.last, values: flat(n.last - n.frame) });
+  const next = all[i + 1];
+  const until = next?.frame ?? clip.length - 1;
+  if (until <= n.last) return made;
+  const width = until - n.last;
+  if (n.fill === "hold" || (!next && n.fill !== "mask"))
+    return [...made, { kind: "hold", from: n.last, to: until, values: flat(width) }];
+  const to = next?.value;
+  if (to === undefined) return made;
+  if (n.fill === "mask") return [...made, { kind: "masked", from: n.last, to: until, values: [value, to] }];
+  const line = (to - value) / width;
+  const ends = (): [number, number] => [
+    side(clip, all, i, "out", line) * width,
+    side(clip, all, i + 1, "in", line) * width,
+  ];
+  const [da, db] = n.fill === "cubic" ? ends() : [0, 0];
+  const row = Array.from({ length: width + 1 }, (_, k) => {
+    const s = k / width;
+    return n.fill === "cubic" ? hermite(s, value, to, da, db) : value + s * (to - value);
   });
-  return made;
+  return [...made, { kind: n.fill, from: n.last, to: until, values: row }];
 }
 
 /** The highest speed that a stretch asks for, units per frame. */
@@ -169,10 +166,13 @@ export function steepest(s: Stretch): number {
 export function commandedAt(clip: Clip, joint: number, frame: number): number | undefined {
   const key = keyAt(clip, frame);
   if (key && isOf(clip, key, joint)) {
-    const value = values(clip, key)[joint];
+    const value = key.reach?.length ? undefined : values(clip, key)[joint];
     return typeof value === "number" ? value + addedAt(clip, joint, frame) : undefined;
   }
-  for (const s of stretches(clip, joint))
-    if (s.kind !== "masked" && s.from <= frame && frame <= s.to) return s.values[frame - s.from];
+  const all = nodes(clip, joint);
+  const i = all.findLastIndex((n) => n.frame <= frame);
+  for (const s of after(clip, all, i))
+    if (s.kind !== "masked" && s.from <= frame && frame <= s.to)
+      return (s.values[frame - s.from] ?? 0) + addedAt(clip, joint, frame);
   return undefined;
 }

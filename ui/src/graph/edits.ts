@@ -127,6 +127,35 @@ export function addPoint(frame: number, joint: number, value: number): void {
   });
 }
 
+/** Takes the chosen joints out of their keys; a key that has no value left goes. */
+export async function deletePoints(): Promise<void> {
+  const clip = store.doc.value?.clip;
+  if (!clip) return;
+  const names = clip.robot.joints;
+  const ops: Op[] = [];
+  const gone: number[] = [];
+  const own = points(clip, shownJoints()).filter((p) => chosen.value.has(nameOf(p)));
+  for (const frame of new Set(own.map((p) => p.frame))) {
+    const key = keyAt(clip, frame);
+    const joints = own.filter((p) => p.frame === frame).flatMap((p) => names[p.joint] ?? []);
+    const free = joints.flatMap((n) => Object.keys(together(n, 0))).filter((n) => !isLocked(n));
+    if (!key || free.length === 0) continue;
+    const kept = values(clip, key).some((v, j) => typeof v === "number" && !free.includes(names[j] ?? ""));
+    if (!kept && !key.reach?.length) gone.push(frame);
+    else
+      ops.push({
+        op: "keys.set",
+        args: { frame, values: Object.fromEntries(free.map((n) => [n, null])) },
+      });
+  }
+  if (gone.length) ops.push({ op: "keys.delete", args: { frames: gone } });
+  const [first] = ops;
+  if (!first) return store.toast("select points of joints that are not locked first");
+  const label = `Delete ${own.length === 1 ? "a point" : `${own.length} points`}`;
+  if (await applyOp(ops.length === 1 ? first : { op: "batch", args: { label, ops } }))
+    choosePoints(new Set());
+}
+
 /** Points that keys act on: those chosen in the graph, else the chosen joint at the chosen keys. */
 export function actedOn(): Point[] {
   const clip = store.doc.value?.clip;

@@ -254,6 +254,7 @@ export class Hands {
     if (press.kind !== "points") return;
     if (!press.moved) {
       const p = this.under(press.x, press.y);
+      if (p && !(e.ctrlKey || e.metaKey || e.shiftKey)) sheet.select(new Set([nameOf(p)]));
       if (p) sheet.seek(p.frame);
       return;
     }

@@ -276,10 +276,14 @@ function bar(
     const x = frameToX(view, mask.from);
     const w = frameToX(view, mask.to) - x;
     if (x > s.box.width || x + w < LABELS) continue;
+    // Paler where it hides some joints of the row only.
+    const names = joints ? joints.map((j) => clip.robot.joints[j] ?? "") : clip.robot.joints;
+    ctx.globalAlpha = all || names.every((n) => mask.joints?.includes(n)) ? 1 : 0.35;
     ctx.fillStyle = `${theme.back}b0`;
     ctx.fillRect(x, y + 2, w, ROW - 5);
     ctx.fillStyle = hatch(ctx, theme.hatch);
     ctx.fillRect(x, y + 2, w, ROW - 5);
+    ctx.globalAlpha = 1;
   }
 }
 

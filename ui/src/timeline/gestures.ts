@@ -305,7 +305,12 @@ export class Gestures {
       sheet.setSelection(new Set());
       this.scrub(x);
     }
-    if (press.kind === "keys" && !press.moved) sheet.setPlayhead(press.frame);
+    if (press.kind === "keys" && !press.moved) {
+      // A click on one of several selected keys selects it alone.
+      const adds = e.ctrlKey || e.metaKey || e.shiftKey;
+      if (!adds && press.base.has(press.frame)) sheet.setSelection(new Set([press.frame]));
+      sheet.setPlayhead(press.frame);
+    }
     if (press.kind === "keys" && press.moved) void this.drop(press, e, x);
     if (press.kind === "end") {
       const length = this.lengthAt(x);

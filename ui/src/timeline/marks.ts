@@ -190,7 +190,7 @@ export function ofRow(list: Mark[], joints: number[] | undefined): Glyph[] {
       fill: m.fill,
       held: m.held,
       selected: m.selected,
-      whole: joints !== undefined && own === joints.length,
+      whole: joints ? own === joints.length : m.full,
     };
     if (isSeen(shape)) made.push(shape);
   }

@@ -76,7 +76,14 @@ impl Finder<'_> {
             }
         };
         let end = if to < self.command.frames() { to } else { first };
-        let wanted = |j| self.command.sees(end, j) || self.command.next_goal(end, j).is_some();
+        // A goal that follows from others is not on a line between two of its kind.
+        let names = |j: usize, key: &Key| {
+            !key.reach.is_empty() || clip.row(key).is_some_and(|row| row[j].is_some())
+        };
+        let wanted = |j| {
+            let goal = self.command.sees(end, j) || self.command.next_goal(end, j).is_some();
+            goal && clip.keys.iter().any(|key| names(j, key))
+        };
         let keys: Vec<Key> = (1..parts)
             .map(at)
             .filter(|f| clip.key(*f).is_none())

@@ -9,11 +9,14 @@ impl Finder<'_> {
         let joints = &self.clip.robot.joints;
         let mut lints = Vec::new();
         for place in self.places() {
-            // Only complete poses can be simulated.
-            let Some(q) = self.with_followers(place.row) else { continue };
+            // Joints that are left free are simulated where the goals around the key lead them.
+            let whole = self.with_followers(place.row);
+            let is_whole = whole.is_some();
+            let Some(q) = whole.or_else(|| self.led(&place)) else { continue };
             let is_asked = |joint: usize| place.row[joint].is_some();
             let report = checker.check(joints, &q);
-            if !report.contacts.is_empty() {
+            // Free joints may move out of each other's way.
+            if is_whole && !report.contacts.is_empty() {
                 let words: Vec<String> = report
                     .contacts
                     .iter()
@@ -69,6 +72,14 @@ impl Finder<'_> {
         for lint in lints {
             self.push(lint);
         }
+    }
+
+    /// The row of a key with joints that it leaves free on their line between other goals; `None` for a pose that no
+    /// key uses.
+    fn led(&self, place: &Place<'_>) -> Option<Vec<f64>> {
+        let led = self.command.interpolated(*place.frames.first()?);
+        let row = place.row.iter().zip(led);
+        Some(row.map(|(own, led)| own.unwrap_or_else(|| f64::from(led))).collect())
     }
 
     /// A row in which joints that follow others get the values that these give them; `None` if others are

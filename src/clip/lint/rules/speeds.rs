@@ -256,8 +256,11 @@ impl Finder<'_> {
                     if clip.fill_after(key) == Fill::Hold {
                         return false; // a jump stays a jump
                     }
-                    let held = scaled(key.frame, *factor) + scaled(last - key.frame, *factor);
-                    let room = scaled(next.frame, *factor) - held;
+                    // A hold is scaled as a whole, and may again be cut by the next key.
+                    let to = scaled(next.frame, *factor);
+                    let held = (scaled(key.frame + key.hold, *factor).min(to) - 1.0)
+                        .max(scaled(key.frame, *factor));
+                    let room = to - held;
                     room >= f64::from(next.frame - last) * ratio - 1e-6
                 })
         };

@@ -145,9 +145,9 @@ impl Tracer<'_> {
                     (clock.round() as u32, if spot.sharp { REST } else { 1 })
                 }
                 // The way from the pose before to the beginning of the line, and a moment to come
-                // to rest.
+                // to rest. It begins and ends at rest, so the highest speed would be too fast.
                 _ if self.needed(&self.ask.q, &spot.q) > 0 => {
-                    let lead = self.needed(&self.ask.q, &spot.q).max(2);
+                    let lead = 2 * self.needed(&self.ask.q, &spot.q);
                     clock = f64::from(lead);
                     (lead, REST)
                 }
