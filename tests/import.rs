@@ -4,9 +4,11 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use robert::clip::{Clip, Fill, Goal, Key, RobotRef, compile_for};
 use robert::mujoco::{Data, Kind, Model};
 use robert::robot::import::{ImportConfig, mark, mark_in};
 use robert::robot::{Coupling, IkConfig, Point, Robot, Target};
+use robert::rollout::ClipFacts as _;
 
 use crate::run::{Ran, binary, call, robert};
 
@@ -1172,4 +1174,45 @@ fn parts_that_contact_cannot_part_stay_where_they_are_and_springs_do_not_drive_t
     // The tip touches the floor at -.77: asin(.3 - .02 over .4).
     let apart = bot.apart(&[0.1, -0.9]).unwrap().expect("the arm comes out of the floor");
     assert!((apart[1] + 0.775).abs() < 0.02 && (apart[0] - 0.1).abs() < 1e-3, "{apart:?}");
+}
+
+/// Two arms that meet in a point; their shoulders are driven.
+const FIVE_BAR: &str = r#"<mujoco><compiler angle="radian"/><default><joint axis="0 1 0" damping=".2"/>
+  <geom type="capsule" size=".01" contype="0" conaffinity="0"/></default>
+  <worldbody>
+    <body name="a" pos="-.12 0 .6"><joint name="left" range="-1.4 1.4"/><geom fromto="0 0 0 -.1 0 -.2"/>
+      <body name="b" pos="-.1 0 -.2"><joint name="left_elbow" range="-2.5 2.5"/><geom fromto="0 0 0 .22 0 -.2"/></body></body>
+    <body name="c" pos=".12 0 .6"><joint name="right" range="-1.4 1.4"/><geom fromto="0 0 0 .1 0 -.2"/>
+      <body name="d" pos=".1 0 -.2"><joint name="right_elbow" range="-2.5 2.5"/><geom fromto="0 0 0 -.22 0 -.2"/></body></body>
+  </worldbody>
+  <equality><connect body1="b" body2="d" anchor=".22 0 -.2"/></equality>
+  <actuator><motor joint="left" ctrlrange="-9 9"/><motor joint="right" ctrlrange="-9 9"/></actuator></mujoco>"#;
+
+#[test]
+fn a_loop_is_closed_on_the_way_from_key_to_key_and_its_joints_are_open_between() {
+    let ran = robert().file("m.xml", FIVE_BAR).args(["import", "m.xml", "--out", "bot"]).succeeds();
+    let bot = Robot::from_folder(&ran.path("bot")).unwrap();
+    let names: Vec<String> = bot.joints().iter().map(|j| j.name.clone()).collect();
+    let at = |name: &str| bot.joint_index(name).unwrap();
+    let compiled = |count: u32, fill| {
+        let own = RobotRef { id: "bot".into(), joints: names.clone(), ..RobotRef::default() };
+        let mut clip = Clip::new(own, 121);
+        clip.fill = fill;
+        let key = |i: u32| {
+            // Apart, then together.
+            let s = 0.3 - 1.1 * f64::from(i) / f64::from(count);
+            let mut row = vec![None; names.len()];
+            (row[at("left")], row[at("right")]) = (Some(s), Some(-s));
+            Key::with(i * 120 / count, Goal::Q(row))
+        };
+        clip.keys = (0..=count).map(key).collect();
+        compile_for(&clip, Some(&bot.joint_table())).unwrap()
+    };
+    let (near, far) = (compiled(20, Fill::Mask), compiled(1, Fill::Mask));
+    for elbow in ["left_elbow", "right_elbow"] {
+        let [a, b] = [&near, &far].map(|c| c.sees(120, at(elbow)).then(|| c.row(120)[at(elbow)]));
+        assert!((a.unwrap() - b.unwrap()).abs() < 1e-3, "{elbow}: {a:?} {b:?}");
+    }
+    let led = compiled(1, Fill::Linear);
+    assert!(led.sees(60, at("left")) && !led.sees(60, at("left_elbow")));
 }

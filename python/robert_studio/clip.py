@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-from pathlib import Path
 from typing import Any, Optional, Union
 
 import numpy as np
@@ -154,7 +153,7 @@ class Clip:
 
     def save(self, path: PathLike) -> None:
         """Writes the clip to a file."""
-        Path(path).write_text(self.text(), encoding="utf-8")
+        self._native.save(os.fspath(path))
 
     def __repr__(self) -> str:
         return f"Clip({self.name!r}, {self._native.robot}, {self.frames} frames, {len(self.keys)} keys)"

@@ -54,6 +54,11 @@ impl Clip {
         self.inner.to_text()
     }
 
+    /// Writes the file whole or not at all.
+    fn save(&self, path: PathBuf) -> PyResult<()> {
+        robert::fsio::write_atomic(&path, self.inner.to_text().as_bytes()).map_err(raise)
+    }
+
     #[getter]
     fn name(&self) -> &str {
         &self.inner.name

@@ -270,7 +270,6 @@ impl Manifest {
     }
 
     fn text(&self) -> String {
-        // Serialising plain data of this type cannot fail; an empty text would not load.
         let head = Manifest { shards: Vec::new(), episodes: Vec::new(), ..self.clone() };
         let head = json::pretty(&head);
         head.replacen("\"shards\": []", &list("shards", &self.shards), 1).replacen(

@@ -202,7 +202,7 @@ impl Dataset {
     }
 }
 
-/// Opens all shards of a manifest at `path`; two at a time when hashing.
+/// Opens all shards of a manifest at `path`; on all cores when hashing.
 fn inspect(manifest: &Manifest, path: &Path, verify: Verify) -> (Vec<Shard>, Vec<Problem>) {
     raise_file_limit(manifest.shards.len());
     let dir = path.parent().unwrap_or(Path::new("."));

@@ -1914,14 +1914,6 @@ unsafe extern "C" {
     pub fn rb_delete_data(d: *mut mjData);
 }
 unsafe extern "C" {
-    pub fn rb_copy_data(
-        dest: *mut mjData,
-        m: *const mjModel,
-        src: *const mjData,
-        msg: *mut ::std::os::raw::c_char,
-    ) -> ::std::os::raw::c_int;
-}
-unsafe extern "C" {
     pub fn rb_reset(
         m: *const mjModel,
         d: *mut mjData,
@@ -1983,17 +1975,6 @@ unsafe extern "C" {
         jacp: *mut f64,
         jacr: *mut f64,
         site: ::std::os::raw::c_int,
-        msg: *mut ::std::os::raw::c_char,
-    ) -> ::std::os::raw::c_int;
-}
-unsafe extern "C" {
-    pub fn rb_jac_point(
-        m: *const mjModel,
-        d: *const mjData,
-        jacp: *mut f64,
-        jacr: *mut f64,
-        point: *const f64,
-        body: ::std::os::raw::c_int,
         msg: *mut ::std::os::raw::c_char,
     ) -> ::std::os::raw::c_int;
 }

@@ -395,26 +395,6 @@ impl Data {
         })
     }
 
-    /// Jacobian of a world point that moves with a body; shapes as [`Data::jac_site`].
-    ///
-    /// # Errors
-    /// As [`Data::jac_site`].
-    pub fn jac_point(
-        &mut self,
-        body: usize,
-        point: &[f64; 3],
-        jacp: &mut [f64],
-        jacr: &mut [f64],
-    ) -> Result<(), Error> {
-        self.check_jac(jacp, jacr)?;
-        check_id("body", body, self.model.nbody())?;
-        let (p, r) = (jacp.as_mut_ptr(), jacr.as_mut_ptr());
-        // SAFETY: as `jac_site`.
-        self.engine("Jacobian", |m, d, msg| unsafe {
-            mj::rb_jac_point(m, d, p, r, point.as_ptr(), body as i32, msg)
-        })
-    }
-
     fn check_jac(&self, jacp: &[f64], jacr: &[f64]) -> Result<(), Error> {
         check_len("Jacobian", jacp.len(), 3 * self.model.nv())?;
         check_len("Jacobian", jacr.len(), 3 * self.model.nv())

@@ -167,10 +167,6 @@ void rb_delete_data(mjData* d) {
   guard(nullptr, [&] { mj_deleteData(d); return RB_OK; });
 }
 
-int rb_copy_data(mjData* dest, const mjModel* m, const mjData* src, char* msg) {
-  return guard(msg, [&] { mj_copyData(dest, m, src); return RB_OK; });
-}
-
 int rb_reset(const mjModel* m, mjData* d, char* msg) {
   return guard(msg, [&] {
     mj_resetData(m, d);
@@ -218,11 +214,6 @@ int rb_full_mass(const mjModel* m, const mjData* d, double* dense, char* msg) {
 
 int rb_jac_site(const mjModel* m, const mjData* d, double* jacp, double* jacr, int site, char* msg) {
   return guard(msg, [&] { mj_jacSite(m, d, jacp, jacr, site); return RB_OK; });
-}
-
-int rb_jac_point(const mjModel* m, const mjData* d, double* jacp, double* jacr, const double* point,
-                 int body, char* msg) {
-  return guard(msg, [&] { mj_jac(m, d, jacp, jacr, point, body); return RB_OK; });
 }
 
 const char* rb_name(const mjModel* m, int type, int id) { return mj_id2name(m, type, id); }

@@ -41,7 +41,6 @@ int rb_set_const(mjModel* m, char* msg);
 
 int rb_make_data(const mjModel* m, mjData** out, char* msg);
 void rb_delete_data(mjData* d);
-int rb_copy_data(mjData* dest, const mjModel* m, const mjData* src, char* msg);
 int rb_reset(const mjModel* m, mjData* d, char* msg);
 
 int rb_step(const mjModel* m, mjData* d, int n, char* msg);
@@ -52,8 +51,6 @@ int rb_transition_fd(const mjModel* m, mjData* d, double eps, int centered, doub
                      char* msg);
 int rb_full_mass(const mjModel* m, const mjData* d, double* dense, char* msg);
 int rb_jac_site(const mjModel* m, const mjData* d, double* jacp, double* jacr, int site, char* msg);
-int rb_jac_point(const mjModel* m, const mjData* d, double* jacp, double* jacr,
-                 const double* point, int body, char* msg);
 
 const char* rb_name(const mjModel* m, int type, int id);
 int rb_id(const mjModel* m, int type, const char* name);

@@ -22,7 +22,7 @@ pub enum Error {
     Cell {
         /// Index.
         index: usize,
-        /// The effect that it would have.
+        /// Its description.
         what: String,
         /// The reason.
         why: String,

@@ -67,7 +67,7 @@ pub(super) fn publish(made: &Path, target: &Path, manifest: &Manifest) -> Result
             Err(e) => last = Some(e),
         }
         // Another process was here first, or a network file system repeated a rename that had
-        // succeeded. The files show which. The files tell.
+        // succeeded. The files show which.
         if !target.exists() {
             continue;
         }

@@ -93,7 +93,6 @@ impl Manifest {
     }
 
     pub(super) fn text(&self) -> String {
-        // Plain data of this type can always be written; an empty text would not be read back.
         json::pretty(self) + "\n"
     }
 

@@ -78,7 +78,6 @@ impl Plan {
     /// # Errors
     /// [`Error::Files`].
     pub(super) fn save(&self, dir: &Path) -> Result<(), Error> {
-        // Plain data of this type can always be written; an empty text would not be read back.
         let text = json::line(self) + "\n";
         Ok(fsio::write_atomic(&dir.join(FILE), text.as_bytes())?)
     }

@@ -135,7 +135,7 @@ fn summary((suite, policy): &(String, String), table: &Table) -> Value {
     })
 }
 
-/// Writes `results.json` and, for a grid, `sweep.png`; returns the rows.
+/// Writes `results.json` and, for a grid, `sweep.svg`; returns the rows.
 pub(super) fn training(sweep: &Sweep, reached: &[Reached], out: &Path) -> Result<Value, Error> {
     let table = rows(&sweep.combinations(), reached);
     let document = json!({ "sweep": sweep, "points": reached, "rows": table });

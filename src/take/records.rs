@@ -203,7 +203,7 @@ pub(super) fn unpack<'a>(record: Record<'a>, budget: &mut u64) -> Result<Cow<'a,
             .into(),
         other => {
             let name: String = other.chars().take(16).collect();
-            return Err(fail(format!("a chunk packed with {name:?}; takes use zstd")));
+            return Err(fail(format!("a chunk packed with {name:?}; only zstd is read")));
         }
     };
     if records.len() != size {

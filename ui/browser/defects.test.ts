@@ -1,6 +1,7 @@
 // What was wrong once and has no better place: each test is named after what was seen.
 
 import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
 import { ARM, describe, onTheArm, type Studio, type Tab, test } from "./harness";
 
 describe("defects that were mended", () => {
@@ -67,6 +68,12 @@ describe("defects that were mended", () => {
     const download = t.page.waitForEvent("download");
     await t.byId("export-download").click();
     assert.equal((await download).suggestedFilename(), "of today.mcap");
+    // A clip is made by the page itself.
+    await t.byId("format-json").check();
+    const clip = t.page.waitForEvent("download");
+    await t.byId("export-download").click();
+    const text = readFileSync(await (await clip).path(), "utf8");
+    assert.equal(JSON.parse(text).name, "arm");
     await t.press("Escape");
   });
 

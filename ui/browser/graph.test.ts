@@ -293,6 +293,34 @@ describe("graph", () => {
     await t.press("Alt+l");
   });
 
+  test("a point is deleted alone, a click on one of several selects it, values are typed as they are shown", async () => {
+    await start();
+    const p = await at(45, 2, 1.6);
+    await t.page.mouse.click(p.x, p.y);
+    await t.until((s) => s.points.join() === "45:2", "chosen");
+    await t.press("x");
+    const s = await t.until((x) => x.clip?.keys[3]?.q?.[2] === null, "taken out");
+    assert.deepEqual(s.clip?.keys[3]?.q, [-1.0, -1.2, null, null, -1.8], "the others stay");
+    const way = commandedAt(s.clip as Clip, 2, 45);
+    assert.ok(way !== undefined && way < 1.4, "the curve goes on without it");
+    // In the timeline all keys are chosen, and then one of them.
+    await t.page.getByRole("tab", { name: "Timeline" }).click();
+    await t.press("Control+a");
+    await t.until((x) => x.selection.length === 7, "all");
+    const one = await t.at(30);
+    await t.page.mouse.click(one.x, one.y);
+    await t.until((x) => x.selection.join() === "30", "one");
+    // A key for some joints is held longer and says as little as before.
+    await t.goTo(45);
+    await t.press("Enter");
+    const dialog = t.page.getByRole("dialog", { name: /^Key at frame 45/ });
+    assert.equal(await dialog.getByLabel(/elbow/i).inputValue(), "");
+    await dialog.getByLabel(/hold/).fill("4");
+    await dialog.getByRole("button", { name: "OK" }).click();
+    const held = await t.until((x) => x.clip?.keys[3]?.hold === 4, "held");
+    assert.deepEqual(held.clip?.keys[3]?.q, [-1.0, -1.2, null, null, -1.8]);
+  });
+
   test("values are scaled about the playhead, and slopes are typed, by keys alone", async () => {
     await start();
     const [first, second] = [await at(30, 2, 1.4), await at(45, 2, 1.6)];

@@ -272,6 +272,17 @@ describe("layers", () => {
     assert.equal(done.rollout?.phase, "done");
     await t.painted();
     await t.picture("point-row");
+    // A joint that is moved there makes joint values of it: the goal would overrule them.
+    const before = done.q[40] ?? [];
+    await t.page.locator("#joint-0").focus();
+    await t.page.keyboard.press("ArrowRight");
+    const baked = await t.until(
+      (x) => x.clip?.keys.some((k) => k.frame === 40 && k.q) ?? false,
+      "joint values",
+    );
+    const values = baked.clip?.keys.find((k) => k.frame === 40);
+    assert.equal(values?.reach, undefined);
+    assert.ok(values?.q?.slice(1).every((v, j) => Math.abs((v ?? 9) - (before[j + 1] ?? 0)) < 0.05));
   });
 
   test("nothing left the origin, and no script broke", () => {

@@ -21,9 +21,6 @@ pub(in super::super) struct Args {
     /// has no hard links, it is copied anyway.
     #[arg(long)]
     copy: bool,
-    /// The behaviour without --copy.
-    #[arg(long = "link", hide = true, conflicts_with = "copy")]
-    _link: bool,
     #[command(flatten)]
     accept: AcceptArgs,
     /// Print JSON.

@@ -71,8 +71,7 @@ impl Document {
         let edits = edits(&records);
         let base = match (records.first(), &on_disk) {
             (Some(Record::Base { text, .. }), _) if edits > 0 => Some(text.clone()),
-            // Both copies of the base are damaged: the content is that of the file, if no other
-            // program has written it.
+            // Both copies of the base are damaged: the content is that of the file.
             (Some(_), Ok((_, text))) if edits > 0 => Some(text.clone()),
             _ => None,
         };

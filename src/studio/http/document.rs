@@ -77,8 +77,8 @@ pub(crate) async fn reload(State(app): Shared) -> Answer<Edited> {
 /// `POST /api/open`.
 pub(crate) async fn open(State(app): Shared, Json(body): Json<PathBody>) -> Answer<DocumentView> {
     let path = app.workspace.path(&body.path)?;
-    // A folder on another machine that does not answer delays only this request, because the
-    // session reads the text that was read here.
+    // A folder on another machine that does not answer delays only this request: the session reads the file when it has
+    // been read here.
     let first = path.clone();
     let read = move || fsio::read_capped(&first, limits::CLIP_BYTES).is_ok();
     apart("the file was not read", read).await?;

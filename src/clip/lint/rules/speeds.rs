@@ -256,17 +256,24 @@ impl Finder<'_> {
                     if clip.fill_after(key) == Fill::Hold {
                         return false; // a jump stays a jump
                     }
-                    // A hold is scaled as a whole, and may again be cut by the next key.
+                    // A hold is scaled with its end, and may again be cut by the next key.
                     let to = scaled(next.frame, *factor);
-                    let held = (scaled(key.frame + key.hold, *factor).min(to) - 1.0)
-                        .max(scaled(key.frame, *factor));
+                    let held = match key.hold {
+                        1 => scaled(key.frame, *factor),
+                        hold => scaled(key.frame + hold, *factor).min(to) - 1.0,
+                    };
                     let room = to - held;
                     room >= f64::from(next.frame - last) * ratio - 1e-6
                 })
         };
         let fine = (ratio * 100.0).ceil() / 100.0;
-        let tries = [fine, fine * 1.02, fine * 1.05, fine * 1.1, fine.ceil()];
-        let factor = tries.into_iter().map(|f| (f * 100.0).round() / 100.0).find(enough)?;
+        // Holds grow by the frames at which they end, so short ways need a little more.
+        let more = [1.0, 1.02, 1.05, 1.1, 1.15, 1.2, 1.3].map(|more| fine * more);
+        let factor = more
+            .into_iter()
+            .chain([fine.ceil()])
+            .map(|f| (f * 100.0).round() / 100.0)
+            .find(enough)?;
         let length = (f64::from(clip.length) * factor).ceil();
         if length > f64::from(limits::CLIP_FRAMES) || clip.keys.is_empty() {
             return None;

@@ -249,7 +249,7 @@ impl Reading {
             });
         }
         match kind {
-            // The second copy of the base; one copy suffices. One copy is enough.
+            // The second copy of the base; one copy is enough.
             Kind::Base if self.position.number > 0 => return,
             Kind::Base => {}
             _ => self.fill(&raw, kind, missing),
