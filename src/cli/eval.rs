@@ -509,8 +509,8 @@ fn table(robot: &Robot, suite: &str, plant: PlantRange, results: &[Evaluation]) 
         }
     }
     let ms_per_frame = |t: &CaseResult| Some(1e3 * t.wall_secs / t.frames.max(1) as f64);
-    let averages: [(&str, &dyn Fn(&CaseResult) -> Option<f64>); 2] =
-        [("mean |du|", &|t| t.mean_abs_du), ("ms per frame", &ms_per_frame)];
+    let averages: [(&str, TaskFigure); 2] =
+        [("mean |du|", |t| t.mean_abs_du), ("ms per frame", ms_per_frame)];
     for (name, figure) in averages {
         let cells = columns.iter().map(|c| average(c, figure).filter(|_| is_whole(c)));
         let cells = cells.map(|v| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}")));
@@ -546,6 +546,9 @@ fn table(robot: &Robot, suite: &str, plant: PlantRange, results: &[Evaluation]) 
 
 /// A figure of a policy that is printed below its Precisions; `None` if it was not measured.
 type PolicyFigure = fn(&Evaluation) -> Option<String>;
+
+/// A figure of a task.
+type TaskFigure = fn(&CaseResult) -> Option<f64>;
 
 const FIGURES: [(&str, PolicyFigure); 7] = [
     ("over the floor", |e| e.excess_mean.map(|x| format!("{:+.0} %", 100.0 * x))),

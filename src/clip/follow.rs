@@ -193,7 +193,7 @@ impl<'a> Chain<'a> {
         let before = self.state.clone();
         let way = goals.iter().map(|&(at, value)| (value - before[at]).abs()).fold(0.0, f64::max);
         let steps = (way / STEP).ceil().clamp(1.0, STEPS) as usize;
-        let mut lead = |state: &mut [f64], step: usize| {
+        let lead = |state: &mut [f64], step: usize| {
             for &(at, value) in &goals {
                 state[at] = before[at] + (value - before[at]) * step as f64 / steps as f64;
             }

@@ -14,7 +14,7 @@ use super::reach::Reach;
 pub struct KeysAdd {
     /// The keys.
     pub keys: Vec<Key>,
-    /// Replace existing keys. Joints that a new key has no value for keep theirs.
+    /// Replace existing keys.
     #[serde(default)]
     pub replace: bool,
 }

@@ -51,7 +51,7 @@ pub fn edited(clip: &Clip, op: &Op, table: Option<&JointTable>) -> Result<Clip, 
 impl Edit<'_> {
     fn op(&mut self, op: &Op) -> Done {
         match op {
-            Op::KeysAdd(a) => self.land(a.keys.clone(), a.replace),
+            Op::KeysAdd(a) => self.place(a.keys.clone(), a.replace),
             Op::KeysSet(a) => self.keys_set(a),
             Op::KeysMove(a) => self.keys_move(a),
             Op::KeysScale(a) => self.keys_scale(a),

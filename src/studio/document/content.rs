@@ -266,7 +266,7 @@ impl Document {
         if !moved && !replace && self.is_changed_on_disk(&target) {
             return Err(Error::Changed { path: target });
         }
-        let journal = if moved { Some(self.journal_of(&target, state_dir)?) } else { None };
+        let journal = if moved { Some(journal_of(&target, state_dir)?) } else { None };
         if let Err(e) = fsio::write_atomic(&target, text.as_bytes()) {
             if let Some((journal, true)) = journal {
                 journal.remove();
@@ -282,23 +282,6 @@ impl Document {
         self.untitled = false;
         self.restored = None;
         self.rebase()
-    }
-
-    /// The journal of another clip file, which this document will replace, and whether it is new.
-    fn journal_of(&self, target: &Path, state_dir: &Path) -> Result<(Journal, bool), Error> {
-        let (mut journal, records, _) = open_journal(target, state_dir)?;
-        let is_edit = |r: &Record| matches!(r, Record::Edit { .. } | Record::Undo | Record::Redo);
-        if records.iter().any(is_edit) {
-            if target.exists() {
-                return Err(Error::request(format!(
-                    "{} has edits that are not saved; open it and save or discard them, or choose another name",
-                    target.display()
-                )));
-            }
-            // Its clip is gone, so nobody can open it.
-            journal.keep()?;
-        }
-        Ok((journal, records.is_empty()))
     }
 
     /// Whether the file differs from what was last read or written here. A deleted file has no
@@ -369,6 +352,23 @@ impl Document {
             self.journal.remove();
         }
     }
+}
+
+/// The journal of another clip file, which this document will replace, and whether it is new.
+fn journal_of(target: &Path, state_dir: &Path) -> Result<(Journal, bool), Error> {
+    let (mut journal, records, _) = open_journal(target, state_dir)?;
+    let is_edit = |r: &Record| matches!(r, Record::Edit { .. } | Record::Undo | Record::Redo);
+    if records.iter().any(is_edit) {
+        if target.exists() {
+            return Err(Error::request(format!(
+                "{} has edits that are not saved; open it and save or discard them, or choose another name",
+                target.display()
+            )));
+        }
+        // Its clip is gone, so nobody can open it.
+        journal.keep()?;
+    }
+    Ok((journal, records.is_empty()))
 }
 
 pub(super) fn invalid(e: clip::Invalid) -> Error {

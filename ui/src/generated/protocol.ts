@@ -1009,7 +1009,7 @@ export interface Key {
 export interface KeysAdd {
   /** The keys. */
   keys: Key[];
-  /** Replace existing keys. Joints that a new key has no value for keep theirs. */
+  /** Replace existing keys. */
   replace?: boolean;
 }
 
