@@ -241,7 +241,6 @@ impl Editor {
     }
 }
 
-/// Applies one recorded step without checking the clip.
 /// The clip and the history after these steps; the clip is not validated.
 fn at_once(clip: &Clip, steps: &[Step]) -> Result<(Clip, History), OpError> {
     let (mut next, mut history) = (clip.clone(), History::default());
@@ -278,6 +277,7 @@ fn one_by_one(clip: &Clip, steps: &[Step]) -> Result<(Clip, History, Vec<usize>)
     Ok((clip, history, skipped))
 }
 
+/// Applies one recorded step without checking the clip.
 fn walk(clip: &mut Clip, history: &mut History, step: &Step) -> Result<(), OpError> {
     match step {
         Step::Edit { label, patch } => {

@@ -41,8 +41,11 @@ impl Completed {
         };
         let rows: Vec<Option<&Row>> = (0..clip.keys.len()).map(row).collect();
         let partly = rows.iter().flatten().filter(|row| row.contains(&None)).count();
-        let affordable = |loops: &Loops<'_>| loops.work().saturating_mul(partly) <= WORK;
-        let mut chain = loops.filter(affordable).map(|loops| Chain::new(clip, table, loops));
+        // The steps that each of these keys may take.
+        let steps = |loops: &Loops<'_>| WORK / loops.work().saturating_mul(partly).max(1);
+        let affordable = loops.map(|loops| (steps(&loops), loops)).filter(|(steps, _)| *steps > 0);
+        let mut chain =
+            affordable.map(|(steps, loops)| Chain::new(clip, table, loops, steps.min(STEPS)));
         let groups = groups(clip.dim(), &ties, chain.as_ref());
         let mut carried = vec![Vec::new(); rows.len()];
         let mut complete = |i: usize, row: &Row| {
@@ -161,24 +164,32 @@ fn groups(dim: usize, ties: &[Tie], chain: Option<&Chain<'_>>) -> Vec<Vec<usize>
 /// The known joints are led from key to key by at most so much at a time, rad or m, and in so many steps: a loop can be
 /// closed in several ways, and from far away the nearest one may not be the one to which the mechanism moves.
 const STEP: f64 = 0.1;
-const STEPS: f64 = 32.0;
+const STEPS: usize = 32;
 
 /// The closed loops along the keys of a clip.
 struct Chain<'a> {
     loops: Loops<'a>,
     /// For each joint of the clip, its joint in the tree of bodies.
     to_state: Vec<Option<usize>>,
+    /// Whether a joint of the tree is part of a loop.
+    moves: Vec<bool>,
+    /// The largest number of steps from one key to the next.
+    most: usize,
     /// The state at the last key; (joints of the tree).
     state: Vec<f64>,
 }
 
 impl<'a> Chain<'a> {
-    fn new(clip: &Clip, table: &JointTable, loops: Loops<'a>) -> Chain<'a> {
+    fn new(clip: &Clip, table: &JointTable, loops: Loops<'a>, most: usize) -> Chain<'a> {
         let index = |name: &String| table.joints.iter().position(|j| &j.name == name);
         let to_state = clip.robot.joints.iter().map(index).collect();
         let mut state = table.rest.clone();
         state.resize(table.joints.len(), 0.0);
-        Chain { loops, to_state, state }
+        let mut moves = vec![false; state.len()];
+        for joint in loops.joints().into_iter().flatten() {
+            moves[joint] = true;
+        }
+        Chain { loops, to_state, moves, most, state }
     }
 
     /// Gives values to joints without one whose place the others determine.
@@ -191,8 +202,11 @@ impl<'a> Chain<'a> {
         known.sort_unstable();
         let goals: Vec<(usize, f64)> = goals().collect();
         let before = self.state.clone();
-        let way = goals.iter().map(|&(at, value)| (value - before[at]).abs()).fold(0.0, f64::max);
-        let steps = (way / STEP).ceil().clamp(1.0, STEPS) as usize;
+        let far = |&(at, value): &(usize, f64)| {
+            if self.moves[at] { (value - before[at]).abs() } else { 0.0 }
+        };
+        let way = goals.iter().map(far).fold(0.0, f64::max);
+        let steps = ((way / STEP).ceil() as usize).clamp(1, self.most);
         let lead = |state: &mut [f64], step: usize| {
             for &(at, value) in &goals {
                 state[at] = before[at] + (value - before[at]) * step as f64 / steps as f64;
@@ -204,13 +218,7 @@ impl<'a> Chain<'a> {
         let mut found = Carried { state: before.clone(), joints: Vec::new() };
         for step in 1..=steps {
             lead(&mut found.state, step);
-            let next = self.loops.carried(&found.state, &known);
-            // What could not be closed on the way may be closed in another way here.
-            let kept = |j: &usize| step == 1 || found.joints.contains(j);
-            found = Carried {
-                joints: next.joints.into_iter().filter(kept).collect(),
-                state: next.state,
-            };
+            found = self.loops.carried(&found.state, &known);
         }
         for (at, slot) in self.to_state.iter().zip(row.iter_mut()) {
             if let Some(at) = at.filter(|at| found.joints.binary_search(at).is_ok()) {

@@ -221,7 +221,7 @@ impl Worker {
         let pid = rustix::process::Pid::from_child(&child);
         let mut all = lock(board);
         all.pids.push(pid);
-        // Those that were there have been signalled.
+        // A stop signals those that are there.
         if all.found.stopped {
             rustix::process::kill_process(pid, rustix::process::Signal::TERM).ok();
         }

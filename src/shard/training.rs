@@ -116,8 +116,19 @@ pub(super) fn perform(
 
 /// Whether a run cannot be continued from its checkpoint. A full disk, say, is no reason to begin again.
 fn cannot_continue(error: &Error) -> bool {
+    use robert_net::Error as Model;
     use robert_train::Error as Of;
-    matches!(error, Error::Train(Of::Run { .. } | Of::Setting { .. } | Of::Net(_)))
+    let model = |e: &Model| {
+        matches!(
+            e,
+            Model::File { .. } | Model::Shape { .. } | Model::Robot { .. } | Model::NoModel { .. }
+        )
+    };
+    match error {
+        Error::Train(Of::Run { .. } | Of::Setting { .. }) => true,
+        Error::Train(Of::Net(e)) => model(e),
+        _ => false,
+    }
 }
 
 /// Trains while another thread publishes every new checkpoint.
@@ -189,4 +200,22 @@ pub(super) fn merge(sweep: &Sweep, shards: &[PathBuf], out: &Path) -> Result<Vec
         found.push(reached);
     }
     Ok(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_what_cannot_be_read_begins_again() {
+        let full =
+            || fsio::Error::Write { source: std::io::Error::other("full"), path: "x".into() };
+        let damaged = robert_net::Error::File { why: "cut off".to_owned(), path: "x".into() };
+        assert!(cannot_continue(&Error::Train(robert_train::Error::Net(damaged))));
+        let of_net = robert_train::Error::Net(robert_net::Error::Files(full()));
+        let of_train = robert_train::Error::Files(full());
+        for e in [Error::Train(of_net), Error::Train(of_train), Error::Files(full())] {
+            assert!(!cannot_continue(&e), "{e}");
+        }
+    }
 }

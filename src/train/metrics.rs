@@ -210,16 +210,19 @@ impl Metrics {
         found.min_by(|a, b| a.1.total_cmp(&b.1))
     }
 
-    /// The number of last closed-loop evaluations in a row that were much worse than the best and no better than
-    /// the one before.
+    /// The number of last closed-loop evaluations in a row that were much worse than the best; 0 if the last of them
+    /// is clearly better than the others.
     pub fn worse_in_a_row(&self) -> u64 {
         /// Precision beyond this multiple of the best is no noise of a high learning rate.
         const MUCH: f64 = 2.0;
+        /// So is a smaller difference between two evaluations.
+        const CLEARLY: f64 = 0.9;
         let Some((_, best)) = self.best() else { return 0 };
-        let found = self.iter().filter_map(Metric::closed_loop).map(|(_, e)| e.precision);
-        let found: Vec<f64> = found.collect();
-        let gets_worse = |pair: &&[f64]| pair[1] > MUCH * best && pair[1] >= pair[0];
-        found.windows(2).rev().take_while(gets_worse).count() as u64
+        let found = self.iter().rev().filter_map(Metric::closed_loop).map(|(_, e)| e.precision);
+        let worse: Vec<f64> = found.take_while(|p| *p > MUCH * best).collect();
+        let Some((newest, others)) = worse.split_first() else { return 0 };
+        let falls = !others.is_empty() && others.iter().all(|p| *newest < CLEARLY * p);
+        if falls { 0 } else { worse.len() as u64 }
     }
 
     /// Step of the last closed-loop evaluation.
@@ -279,5 +282,26 @@ mod tests {
         read.write(&path).unwrap();
         assert_eq!(std::fs::read_to_string(&path).unwrap(), text);
         assert_eq!(Metrics::read(&path, 11).unwrap().len(), 3, "resuming cuts off what lies after");
+    }
+
+    #[test]
+    fn a_training_that_recovers_does_not_get_worse() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("metrics.jsonl");
+        let worse = |precisions: &[f64]| {
+            let line = |(i, p): (usize, &f64)| {
+                format!(
+                    "{{\"evaluation\":{{\"precision\":{p},\"suites\":{{}}}},\"step\":{}}}\n",
+                    i + 1
+                )
+            };
+            let text: String = precisions.iter().enumerate().map(line).collect();
+            std::fs::write(&path, text).unwrap();
+            Metrics::read(&path, u64::MAX).unwrap().worse_in_a_row()
+        };
+        assert_eq!(worse(&[0.01, 0.012, 0.019]), 0);
+        assert_eq!(worse(&[0.01, 0.05, 0.06, 0.055]), 3, "a dip is no recovery");
+        assert_eq!(worse(&[0.01, 0.05, 0.04, 0.03]), 0, "it falls");
+        assert_eq!(worse(&[0.01, 0.05, 0.005, 0.02]), 1);
     }
 }

@@ -43,7 +43,7 @@ pub struct Options<'a> {
     /// Evaluations in a run, spread evenly; the last is at the end.
     pub evaluations: u64,
     /// A run ends early after this many evaluations in a row that are each much worse than the
-    /// best; 0 for never.
+    /// best, unless the last of them is clearly better than the others; 0 for never.
     pub patience: u64,
     /// Receives the progress.
     pub progress: &'a dyn Progress,

@@ -69,9 +69,12 @@ export function nextKey(clip: Clip, frame: number, joint?: number): Key | undefi
   return clip.keys.find((k) => k.frame > frame && (joint === undefined || isOf(clip, k, joint)));
 }
 
-/** A new key. Between two keys the fill of the first goes on after it, for all joints or for one. */
+/** A new key. Between two keys the fill of the first goes on after it: of one joint, or of the last whole key. */
 export function newKey(clip: Clip, frame: number, q: (number | null)[], joint?: number): Key {
-  const fill = nextKey(clip, frame, joint) && prevKey(clip, frame, joint)?.fill;
+  const isWhole = (k: Key): boolean => values(clip, k).every((v) => typeof v === "number");
+  const whole = clip.keys.findLast((k) => k.frame < frame && isWhole(k));
+  const before = joint === undefined ? whole : prevKey(clip, frame, joint);
+  const fill = nextKey(clip, frame, joint) && before?.fill;
   return { frame, q, ...(fill && { fill }) };
 }
 

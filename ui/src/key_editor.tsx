@@ -24,7 +24,8 @@ export function KeyEditor({ frame, onClose }: { frame: number; onClose: () => vo
   const shown = (v: number, j: number): string => fixed(v * scale(j), scale(j) === 1 ? 4 : 2);
   const own = key && values(d.clip, key);
   // The key says nothing about a joint whose field is empty.
-  const before = q.map((v, j) => (own && typeof own[j] !== "number" ? "" : shown(v, j)));
+  const reaches = (key?.reach?.length ?? 0) > 0;
+  const before = q.map((v, j) => (own && !reaches && typeof own[j] !== "number" ? "" : shown(v, j)));
   const fields = useSignal(before);
   const done = async (): Promise<void> => {
     const changes: Record<string, number | null> = {};
@@ -44,6 +45,13 @@ export function KeyEditor({ frame, onClose }: { frame: number; onClose: () => vo
       return store.toast(`"${hold.value}" is not a number of frames to hold`, "error");
     if (to === undefined) return store.toast(`"${at.value}" is not a frame`, "error");
     const ops: Op[] = [];
+    const empty = fields.value.every((text) => text.trim() === "");
+    if (empty && !reaches) {
+      if (await edit("keys.delete", { frames: [frame] })) onClose();
+      return;
+    }
+    // End-effector goals would overrule the values.
+    if (reaches && Object.keys(changes).length) ops.push({ op: "keys.bake", args: { frames: [frame] } });
     if (Object.keys(changes).length || held !== (key?.hold ?? 1)) {
       ops.push({
         op: "keys.set",

@@ -2,6 +2,7 @@
 
 import { keyAt, newKey } from "./clip";
 import { addedAt } from "./layers";
+import { unlocked } from "./locks";
 import * as store from "./store";
 import { edit } from "./wire";
 
@@ -19,7 +20,7 @@ export function pathTouched(frame: number, values: Record<string, number> | null
     return;
   }
   const q = clip.robot.joints.map((name, j) => (values[name] ?? 0) - addedAt(clip, j, frame));
-  void edit("keys.add", { keys: [newKey(clip, frame, q)] }).then((ok) => {
+  void edit("keys.add", { keys: [newKey(clip, frame, unlocked(q))] }).then((ok) => {
     if (ok) store.selection.value = new Set([frame]);
   });
 }

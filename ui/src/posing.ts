@@ -1,7 +1,7 @@
 // A pose under a hand: by a slider, a typed value, a drag in the viewport, inverse kinematics.
 // While it moves the rollout follows as a preview; when it is let go there is one edit.
 
-import { type Clip, changedBy, keyAt, type Mask, newKey, prevKey, values } from "./clip";
+import { type Clip, changedBy, isOf, keyAt, type Mask, newKey, prevKey, values } from "./clip";
 import { commandedAt } from "./graph/curve";
 import { addedAt } from "./layers";
 import { unlocked } from "./locks";
@@ -32,7 +32,9 @@ export function valueAt(clip: Clip, joint: number, frame: number): number {
 /** Whether a mask hides a joint at a frame. */
 function isMasked(clip: Clip, joint: string, frame: number): boolean {
   const hides = (m: Mask): boolean => m.from <= frame && frame < m.to && (m.joints?.includes(joint) ?? true);
-  return !keyAt(clip, frame) && (clip.masks?.some(hides) ?? false);
+  const key = keyAt(clip, frame);
+  const own = key && isOf(clip, key, clip.robot.joints.indexOf(joint));
+  return !own && (clip.masks?.some(hides) ?? false);
 }
 
 /** The pose that a key there would have. */

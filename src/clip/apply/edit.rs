@@ -42,19 +42,24 @@ impl Edit<'_> {
     pub(super) fn land(&mut self, mut keys: Vec<Key>, replace: bool) -> Done {
         for key in keys.iter_mut().filter(|_| replace) {
             if let Some(old) = self.clip.key(key.frame) {
-                self.merge(key, old);
+                self.merge(key, old)?;
             }
         }
         self.place(keys, replace)
     }
 
-    /// Gives a key the values and slopes of another one for joints that it says nothing about. End-effector goals
-    /// decide over all joints.
-    fn merge(&self, key: &mut Key, old: &Key) {
-        if !key.reach.is_empty() || !old.reach.is_empty() {
-            return;
-        }
+    /// Gives a key the values and slopes of another one for joints that it says nothing about; its hold and fill stay.
+    fn merge(&self, key: &mut Key, old: &Key) -> Done {
         let (mut row, before) = (self.row_of(key), self.row_of(old));
+        if !key.reach.is_empty() || !row.contains(&None) {
+            return Ok(());
+        }
+        if !old.reach.is_empty() {
+            return argument(format!(
+                "the end-effector goals of the key at frame {} decide over all joints; make them joint values first (keys.bake)",
+                old.frame
+            ));
+        }
         let mut merged = false;
         for ((slot, value), joint) in row.iter_mut().zip(before).zip(&self.clip.robot.joints) {
             if slot.is_some() || value.is_none() {
@@ -68,6 +73,7 @@ impl Edit<'_> {
         if merged {
             key.goal = Goal::Q(row);
         }
+        Ok(())
     }
 
     /// Adds keys. An existing key is replaced, or the edit is refused.

@@ -71,7 +71,10 @@ impl TakeFiles {
             }
             match read(&path) {
                 Ok(take) if bytes + take.bytes() > limits::TAKES_PINNED_BYTES => {
-                    found.skipped.push(format!("a take too large is kept: {}", path.display()));
+                    found.skipped.push(format!(
+                        "the pinned takes are too large together; this one is left out: {}",
+                        path.display()
+                    ));
                 }
                 Ok(mut take) => {
                     bytes += take.bytes();

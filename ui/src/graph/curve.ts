@@ -25,8 +25,19 @@ interface Node {
   tangent: Tangent | undefined;
 }
 
+/** What is drawn many times in a second, by clip and joint. */
+const known = new WeakMap<Clip, Map<number, Node[]>>();
+
 /** The keys of this joint: a key says nothing about joints that it has no value for. */
 function nodes(clip: Clip, joint: number): Node[] {
+  const of = known.get(clip) ?? new Map<number, Node[]>();
+  known.set(clip, of);
+  const made = of.get(joint) ?? nodesOf(clip, joint);
+  of.set(joint, made);
+  return made;
+}
+
+function nodesOf(clip: Clip, joint: number): Node[] {
   const own = clip.keys.filter((key) => isOf(clip, key, joint));
   const name = clip.robot.joints[joint] ?? "";
   return own.map((key, i) => {

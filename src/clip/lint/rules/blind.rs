@@ -76,13 +76,18 @@ impl Finder<'_> {
             }
         };
         let end = if to < self.command.frames() { to } else { first };
-        // A goal that follows from others is not on a line between two of its kind.
-        let names = |j: usize, key: &Key| {
-            !key.reach.is_empty() || clip.row(key).is_some_and(|row| row[j].is_some())
+        // A goal that follows from others at the end of the span is not on a line between two of its kind.
+        let follows = |j: usize| {
+            let next = clip.keys.get(clip.keys.partition_point(|k| k.frame < end));
+            next.is_some_and(|key| {
+                key.frame == end
+                    && key.reach.is_empty()
+                    && clip.row(key).is_some_and(|row| row[j].is_none())
+            })
         };
         let wanted = |j| {
             let goal = self.command.sees(end, j) || self.command.next_goal(end, j).is_some();
-            goal && clip.keys.iter().any(|key| names(j, key))
+            goal && !(self.command.sees(end, j) && follows(j))
         };
         let keys: Vec<Key> = (1..parts)
             .map(at)

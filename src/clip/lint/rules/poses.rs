@@ -4,15 +4,21 @@ use crate::joints::Coupling;
 use crate::lint::finder::{Finder, Place, some_of};
 use crate::lint::finding::{Fix, Level, Lint, PoseChecker, Rule, SettledPose};
 
+/// Keys for some joints only that are simulated.
+const LED: usize = 500;
+
 impl Finder<'_> {
     pub(in crate::lint) fn poses(&mut self, checker: &mut dyn PoseChecker) {
         let joints = &self.clip.robot.joints;
         let mut lints = Vec::new();
+        let mut led = 0;
         for place in self.places() {
             // Joints that are left free are simulated where the goals around the key lead them.
             let whole = self.with_followers(place.row);
             let is_whole = whole.is_some();
-            let Some(q) = whole.or_else(|| self.led(&place)) else { continue };
+            led += usize::from(!is_whole);
+            let free = || (led <= LED).then(|| self.led(&place)).flatten();
+            let Some(q) = whole.or_else(free) else { continue };
             let is_asked = |joint: usize| place.row[joint].is_some();
             let report = checker.check(joints, &q);
             // Free joints may move out of each other's way.
@@ -34,6 +40,9 @@ impl Finder<'_> {
                 });
             }
             let Some(reached) = &report.settled else { continue };
+            if !is_whole && !report.contacts.is_empty() {
+                continue;
+            }
             let mut off: Vec<(&String, f64)> = joints
                 .iter()
                 .zip(q.iter().zip(reached).map(|(a, b)| (a - b).abs()))
