@@ -10,12 +10,13 @@ use crate::fsio;
 /// Begins a robot's model that a command wrote and can write again.
 pub(super) const WRITTEN: &str = "<!-- A robot's model with keyframes, written by robert. -->\n";
 
-/// Refuses to overwrite the input, or a file that a person made. The result of an earlier command
+/// Refuses to overwrite one of the inputs, or a file that a person made. The result of an earlier command
 /// may be replaced.
-pub(super) fn may_write(input: &str, out: Option<&Path>) -> Outcome {
+pub(super) fn may_write(inputs: &[String], out: Option<&Path>) -> Outcome {
     let Some(path) = out else { return Ok(()) };
-    let real = |p: &Path| std::fs::canonicalize(p).ok();
-    if real(path).is_some_and(|there| real(Path::new(input)) == Some(there)) {
+    let Ok(there) = std::fs::canonicalize(path) else { return Ok(()) };
+    let is_there = |input: &&String| std::fs::canonicalize(input).is_ok_and(|p| p == there);
+    if let Some(input) = inputs.iter().find(is_there) {
         return Err(Failure::usage(format!(
             "{input} is the input and would be overwritten: name another output file"
         )));

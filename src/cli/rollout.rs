@@ -73,8 +73,9 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
             }
         )));
     }
-    output::may_write(&args.clip, args.out.as_deref())?;
-    output::may_write(&args.clip, args.csv.as_deref())?;
+    for out in [&args.out, &args.csv] {
+        output::may_write(std::slice::from_ref(&args.clip), out.as_deref())?;
+    }
     let mut done = perform(&args.clip, &args.perform, global)?;
     // The reached motion is kept even if the rollout ended early.
     if let Some(path) = &args.csv {

@@ -161,9 +161,10 @@ fn groups(dim: usize, ties: &[Tie], chain: Option<&Chain<'_>>) -> Vec<Vec<usize>
     (0..dim).map(same).collect()
 }
 
-/// The known joints are led from key to key by at most so much at a time, rad or m, and in so many steps: a loop can be
-/// closed in several ways, and from far away the nearest one may not be the one to which the mechanism moves.
+/// The step in which known joints are led from key to key, rad or m. A loop can be closed in several ways, and from far
+/// away the nearest one may not be the one to which the mechanism moves.
 const STEP: f64 = 0.1;
+/// The largest number of steps between two keys; the steps of a longer way are larger.
 const STEPS: usize = 32;
 
 /// The closed loops along the keys of a clip.

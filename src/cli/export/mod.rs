@@ -21,9 +21,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     args.check()?;
     let plan = Plan::new(args)?;
     if args.to.gathers() {
-        for input in &args.inputs {
-            output::may_write(input, args.out.as_deref())?;
-        }
+        output::may_write(&args.inputs, args.out.as_deref())?;
         return plan.gather(global);
     }
     if let Some(folder) = args.inputs.iter().find(|i| Path::new(i).is_dir()) {

@@ -79,9 +79,7 @@ impl Plan<'_> {
         };
         let outputs: Vec<PathBuf> = args.inputs.iter().map(output).collect();
         for (i, path) in outputs.iter().enumerate().filter(|(_, p)| !input::is_standard(p)) {
-            for input in &args.inputs {
-                output::may_write(input, Some(path))?;
-            }
+            output::may_write(&args.inputs, Some(path))?;
             if let Some(other) = outputs.iter().take(i).position(|p| p == path) {
                 let (a, b) = (&args.inputs[other], &args.inputs[i]);
                 return Err(Failure::usage(format!(

@@ -183,7 +183,9 @@ export function commandedAt(clip: Clip, joint: number, frame: number): number | 
   const all = nodes(clip, joint);
   const i = all.findLastIndex((n) => n.frame <= frame);
   for (const s of after(clip, all, i))
-    if (s.kind !== "masked" && s.from <= frame && frame <= s.to)
-      return (s.values[frame - s.from] ?? 0) + addedAt(clip, joint, frame);
+    if (s.kind !== "masked" && s.from <= frame && frame <= s.to) {
+      const value = s.values[frame - s.from];
+      return value === undefined ? undefined : value + addedAt(clip, joint, frame);
+    }
   return undefined;
 }

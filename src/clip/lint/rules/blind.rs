@@ -77,17 +77,14 @@ impl Finder<'_> {
         };
         let end = if to < self.command.frames() { to } else { first };
         // A goal that follows from others at the end of the span is not on a line between two of its kind.
-        let follows = |j: usize| {
-            let next = clip.keys.get(clip.keys.partition_point(|k| k.frame < end));
-            next.is_some_and(|key| {
-                key.frame == end
-                    && key.reach.is_empty()
-                    && clip.row(key).is_some_and(|row| row[j].is_none())
-            })
-        };
+        let row = clip.key(end).filter(|key| key.reach.is_empty()).and_then(|key| clip.row(key));
+        let follows = |j: usize| row.is_some_and(|row| row[j].is_none());
         let wanted = |j| {
-            let goal = self.command.sees(end, j) || self.command.next_goal(end, j).is_some();
-            goal && !(self.command.sees(end, j) && follows(j))
+            if self.command.sees(end, j) {
+                !follows(j)
+            } else {
+                self.command.next_goal(end, j).is_some()
+            }
         };
         let keys: Vec<Key> = (1..parts)
             .map(at)
