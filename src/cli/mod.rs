@@ -60,7 +60,7 @@ use global::Global;
 #[derive(Debug, Parser)]
 #[command(name = "robert", version, max_term_width = 100, arg_required_else_help = true)]
 #[command(
-    after_help = "Examples:\n  robert studio                          draft motions in the browser\n  robert tasks ls                        the example clips\n  robert rollout CLIP --policy ilqr      perform a clip and print its error\n  robert render CLIP -o hang.mp4         make a film of it\n  robert doctor                          what is missing on this machine\n\nExit codes: 0 success, 1 failure, 2 wrong usage, 3 invalid input, 4 threshold missed, 5 missing dependency, 130 interrupted."
+    after_help = "Examples:\n  robert studio                          draft motions in the browser\n  robert tasks ls                        the example clips\n  robert rollout CLIP --policy ilqr      perform a clip and print its error\n  robert render CLIP -o hang.mp4         make a film of it\n  robert doctor                          what is missing on this machine\n\nEnvironment: ROBERT_LOG=warn,robert=debug sets the log levels, ROBERT_STATE_DIR=DIR the folder of unsaved clips.\n\nExit codes: 0 success, 1 failure, 2 wrong usage, 3 invalid input, 4 threshold missed, 5 missing dependency, 130 interrupted."
 )]
 pub struct Cli {
     #[command(flatten)]

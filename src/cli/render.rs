@@ -385,7 +385,7 @@ fn shown(
         }
         let dim = done.robot.state_dim();
         let rows = done.rollout.reached().chunks_exact(dim).map(<[f64]>::to_vec).collect();
-        let motion = of_clip(&done.clip, &done.command, rows, done.policy.label(), &done.robot);
+        let motion = of_clip(&done.clip, &done.command, rows, Some(done.policy.label()), &done.robot);
         return Ok((done.robot, motion));
     }
     let clip = motion::clip(input, args.perform.robot.as_deref())?;
@@ -400,7 +400,7 @@ fn shown(
         )));
     }
     let rows = command.filled().chunks_exact(command.dim().max(1)).map(wide).collect();
-    let motion = of_clip(&clip, &command, rows, "not simulated".to_owned(), &robot);
+    let motion = of_clip(&clip, &command, rows, None, &robot);
     Ok((robot, motion))
 }
 
@@ -418,7 +418,7 @@ fn recorded(input: &str, args: &Args) -> Outcome<(Arc<Robot>, Motion)> {
         Arc::clone(&robot),
         Motion {
             name: clip.as_ref().map_or_else(String::new, |c| c.name.clone()),
-            performer: take.provenance.policy.clone(),
+            performer: Some(take.provenance.policy.clone()),
             fps: f64::from(FPS),
             commanded: commanded(&take.command),
             achieved: rows,
@@ -432,7 +432,7 @@ fn of_clip(
     clip: &Clip,
     command: &Command,
     achieved: Vec<Vec<f64>>,
-    performer: String,
+    performer: Option<String>,
     robot: &Robot,
 ) -> Motion {
     Motion {

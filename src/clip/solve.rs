@@ -174,7 +174,7 @@ impl<'a> Solver<'a> {
             let posture = self.posture(key.frame);
             if !key.reach.is_empty() {
                 let path = paths.before(self.clip, i).zip(begun.remove(&i));
-                let found = if let Some((path, from)) = path {
+                let mut found = if let Some((path, from)) = path {
                     // The key is the last frame of the way to it.
                     let last = self.along(&path, from);
                     let near = drawn(&last, &posture);
@@ -185,6 +185,12 @@ impl<'a> Solver<'a> {
                     let starts = [start.as_slice(), &posture, &self.rest];
                     self.search(&starts, &posture, &targets(&key.reach))
                 };
+                // Joints that do not move the points have the posture's values.
+                for at in self.to_state.iter().flatten() {
+                    if !self.movers[i].contains(at) {
+                        found.state[*at] = posture[*at];
+                    }
+                }
                 self.note(i, key.frame, &key.reach, &found);
                 self.found.rows[i] = Some(self.row(i, key, &found.state));
                 if let Some(path) = paths.after(self.clip, i) {

@@ -12,8 +12,8 @@ const TELLING: f64 = 0.03;
 pub struct Motion {
     /// Title of the picture.
     pub name: String,
-    /// The policy, or `not simulated`.
-    pub performer: String,
+    /// The policy; `None` if nothing was simulated, and the states reached are those of the command.
+    pub performer: Option<String>,
     /// Frames a second.
     pub fps: f64,
     /// Commanded states, NaN = no goal; (frames, S).

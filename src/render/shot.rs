@@ -397,20 +397,22 @@ impl Shot {
     fn moment(&self, frame: usize) -> String {
         let secs = frame as f64 / self.motion.fps.max(1e-9);
         let (factor, unit) = &self.unit;
-        let precision = self.motion.precision(frame).map(|p| (p * factor, unit.as_str()));
+        // Without a simulation there is no error to tell.
+        let precision = self.motion.performer.as_ref().and(self.motion.precision(frame));
+        let precision = precision.map(|p| (p * factor, unit.as_str()));
         Caption::moment(frame as u32, secs, precision)
     }
 
-    fn with_performer(&self, moment: String) -> String {
-        let performer = &self.motion.performer;
-        if performer.is_empty() { moment } else { format!("{moment} · {performer}") }
+    fn with_performer(&self, moment: &str) -> String {
+        let performer = self.motion.performer.as_deref().unwrap_or("not simulated");
+        format!("{moment} · {performer}")
     }
 
     /// The last line with wide digits, and one digit more: Precisions differ by that.
     fn widest_line(&self) -> String {
         let last = self.moment(self.motion.frames().saturating_sub(1));
         let wide = last.replace(|c: char| c.is_ascii_digit(), "8");
-        self.with_performer(format!("{wide}8"))
+        self.with_performer(&format!("{wide}8"))
     }
 
     fn caption(&self, frame: usize) -> Caption {
@@ -419,7 +421,7 @@ impl Shot {
         if self.brief {
             return Caption { line, large, widest, ..Caption::default() };
         }
-        let line = self.with_performer(line);
+        let line = self.with_performer(&line);
         let mut legend = Vec::new();
         let mut add = |swatch, color, text: &str| {
             legend.push(Key { swatch, color, text: text.to_owned() });
@@ -572,14 +574,19 @@ mod tests {
         let motion = Motion {
             fps: 20.0,
             unit: "rad".to_owned(),
+            performer: Some("pd".to_owned()),
             commanded: vec![home.clone(); 2],
             achieved: vec![home, off],
             ..Motion::default()
         };
-        let overlay = Overlay::parse("caption").unwrap();
-        let shot = Shot::new(&robot, motion, overlay, &CameraChoice::Fit, 1.0).unwrap();
-        let line = shot.caption(1).line;
-        assert!(line.ends_with('\u{b0}') && !line.contains("rad"), "{line}");
+        let line = |motion: Motion| {
+            let overlay = Overlay::parse("caption").unwrap();
+            let shot = Shot::new(&robot, motion, overlay, &CameraChoice::Fit, 1.0).unwrap();
+            shot.caption(1).line
+        };
+        assert_eq!(line(motion.clone()), "frame 1 · 0.05 s · Precision 0.573\u{b0} · pd");
+        let still = Motion { performer: None, ..motion };
+        assert_eq!(line(still), "frame 1 · 0.05 s · not simulated");
     }
 
     #[test]

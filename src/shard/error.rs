@@ -53,6 +53,9 @@ pub enum Error {
         /// Kind of the plan.
         planned: String,
     },
+    /// This processor lacks what `--numerics avx2` needs.
+    #[error("this processor lacks AVX2: plan without --numerics, or on another machine")]
+    NoAvx2,
     /// This program is not the one that made the plan.
     #[error(
         "this program (sha256 {here:.12}) is not the one that made the plan ({planned:.12}). Plan again, plan with --copy-binary and run that copy, or allow it with --any-build"
@@ -171,7 +174,7 @@ impl HasExit for Error {
                 Exit::Invalid
             }
             Error::Index { .. } | Error::Occupied { .. } => Exit::Usage,
-            Error::Processor { .. } | Error::Build { .. } => Exit::Missing,
+            Error::Processor { .. } | Error::NoAvx2 | Error::Build { .. } => Exit::Missing,
             Error::Incomplete { .. } => Exit::Threshold,
             Error::Differs { .. } | Error::Died { .. } => Exit::Failed,
             Error::Stopped { .. } => Exit::Interrupted,

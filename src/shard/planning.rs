@@ -32,8 +32,7 @@ pub fn make(
     let place = path.display().to_string();
     let limited = numerics.is_some();
     if limited && !robert_linalg::limit_to_avx2() {
-        let why = "this processor lacks AVX2".to_owned();
-        return Err(Error::Queue { why, missing: true });
+        return Err(Error::NoAvx2);
     }
     let machine = Machine::here()?;
     let robot = Arc::new(Robot::load(spec.robot())?);

@@ -132,6 +132,20 @@ fn a_reach_that_is_too_far_says_how_far_and_where() {
 }
 
 #[test]
+fn joints_that_do_not_move_the_point_are_on_the_line_between_their_keys() {
+    let robot = Robot::builtin("shadow_hand").unwrap();
+    let mut clip = Clip::new(robot.clip_ref(), 61);
+    let mut closed: Row = robot.home().into_iter().map(Some).collect();
+    let ring = robot.joint_index("RFJ3").unwrap();
+    closed[ring] = Some(0.8);
+    clip.keys.push(Key::with(0, Goal::Q(robot.home().into_iter().map(Some).collect())));
+    clip.keys.push(Key { reach: vec![Reach::site("fftip", [0.03, 0.03, 0.3])], ..Key::with(30, Goal::Open) });
+    clip.keys.push(Key::with(60, Goal::Q(closed)));
+    let command = robot.compile(&clip).unwrap();
+    assert!((command.row(30)[ring] - 0.4).abs() < 1e-6, "{}", command.row(30)[ring]);
+}
+
+#[test]
 fn a_finger_and_the_thumb_meet_near_the_pose_of_the_key() {
     let robot = Robot::builtin("shadow_hand").unwrap();
     let mut clip = Clip::new(robot.clip_ref(), 60);

@@ -127,7 +127,7 @@ fn films(
         let take = &source.take;
         let motion = Motion {
             name: source.title.clone(),
-            performer: take.provenance.policy.clone(),
+            performer: Some(take.provenance.policy.clone()),
             fps: f64::from(FPS),
             commanded: Vec::new(),
             achieved: (0..take.frames()).map(|f| take.state(f).to_vec()).collect(),

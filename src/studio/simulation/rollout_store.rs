@@ -275,10 +275,10 @@ impl RolloutStore {
         let simulated = frame < inner.frames.q.len();
         let commanded = command.goal_rows().collect();
         let (achieved, performer) = if simulated {
-            (inner.frames.q.clone(), inner.state.policy.clone())
+            (inner.frames.q.clone(), Some(inner.state.policy.clone()))
         } else {
             let rows = (0..command.frames()).map(|f| command.interpolated(f)).collect();
-            (rows, "not simulated".to_owned())
+            (rows, None)
         };
         let motion = MotionRows {
             name: performance.title.clone(),

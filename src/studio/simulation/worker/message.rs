@@ -245,8 +245,8 @@ pub(crate) enum Subject {
 pub(crate) struct MotionRows {
     /// Title.
     pub(crate) name: String,
-    /// The name of the performer.
-    pub(crate) performer: String,
+    /// The policy; `None` if these frames are not simulated.
+    pub(crate) performer: Option<String>,
     /// NaN = no goal; (frames, S).
     pub(crate) commanded: Vec<Vec<f32>>,
     /// (frames, S).

@@ -187,7 +187,7 @@ fn performed(
         command.goal_rows().map(|row| row.into_iter().map(f64::from).collect()).collect();
     let motion = Motion {
         name: name.to_owned(),
-        performer: policy.label(),
+        performer: Some(policy.label()),
         fps: f64::from(FPS),
         commanded,
         achieved: rollout.reached().chunks_exact(robot.state_dim()).map(<[f64]>::to_vec).collect(),
