@@ -61,7 +61,7 @@ class Take:
     def clip(self) -> Optional[Clip]:
         """The clip that was performed."""
         native = self._native.clip
-        return None if native is None else Clip(native)
+        return None if native is None else Clip(native, self.robot)
 
     @cached_property
     def times(self) -> NDArray[np.float64]:
@@ -216,7 +216,15 @@ def evaluate(
 ) -> list[dict[str, Any]]:
     """A row for each policy and clip: ``policy``, ``task``, ``precision`` (rad or m), ``excess`` over iLQR's floor,
     ``masked_mae``, ``wall_secs``, ... — ready for ``pandas.DataFrame``. All clips are of one robot."""
-    named = dict(clips) if isinstance(clips, Mapping) else {c.name or f"clip {i}": c for i, c in enumerate(clips)}
+    if isinstance(clips, Mapping):
+        named = dict(clips)
+    else:
+        named: dict[str, Clip] = {}
+        for i, clip in enumerate(clips):
+            name = clip.name or f"clip {i}"
+            if name in named:
+                raise ValueError(f"two clips are called {name!r}: give them in a dict, under different names")
+            named[name] = clip
     if not named:
         return []
     body = next(iter(named.values())).robot

@@ -24,6 +24,7 @@ impl Clip {
     #[new]
     fn new(robot: &Robot, frames: u32) -> PyResult<Clip> {
         let inner = lib::Clip::new(robot.inner.clip_ref(), frames);
+        inner.validate().map_err(|e| InvalidInput::new_err(e.to_string()))?;
         Ok(Clip { inner })
     }
 
@@ -43,7 +44,7 @@ impl Clip {
         Ok(Clip { inner: tasks::find(name, robot).map_err(raise)? })
     }
 
-    /// Names of the shipped tasks: suite and clips of a robot.
+    /// The clips of a suite of a robot, with their names.
     #[staticmethod]
     fn suite(robot: &str, suite: &str) -> PyResult<Vec<(String, Clip)>> {
         let clips = tasks::suite(robot, suite).map_err(raise)?;
@@ -65,8 +66,8 @@ impl Clip {
     }
 
     #[setter]
-    fn set_name(&mut self, name: String) {
-        self.inner.name = name;
+    fn set_name(&mut self, name: String) -> PyResult<()> {
+        self.edit(|clip| clip.name = name)
     }
 
     #[getter]

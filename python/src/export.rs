@@ -32,6 +32,43 @@ pub(crate) struct Options {
     ur_move: String,
 }
 
+impl Options {
+    /// Refuses options that another format takes, instead of ignoring them.
+    fn check(&self, to: &str) -> PyResult<()> {
+        let given = [
+            ("what='command'", self.what == "command", "csv json ros bag ur"),
+            ("fps", self.fps.is_some(), "lafan npz"),
+            ("bodies", self.bodies != "mujoco", "npz"),
+            ("lead_in", self.lead_in != 0.0, "ros bag"),
+            ("goal", self.goal, "ros"),
+            ("effort", self.effort, "ros bag"),
+            ("rename", !self.rename.is_empty(), "ros bag lerobot"),
+            ("action", self.action != "position", "lerobot"),
+            ("degrees", self.degrees, "lerobot"),
+            ("lerobot_version", self.lerobot_version != "3.0", "lerobot"),
+            ("task", self.task.is_some(), "lerobot minari"),
+            ("ur_move", self.ur_move != "servoj", "ur"),
+        ];
+        let odd = given.iter().find(|(_, asked, of)| *asked && !of.split(' ').any(|f| f == to));
+        if let Some((name, _, of)) = odd {
+            return Err(wrong(format!("{name} is for {}", of.replace(' ', ", "))));
+        }
+        if !(0.0..=3600.0).contains(&self.lead_in) {
+            return Err(wrong(format!("lead_in takes 0 to 3600 s, not {}", self.lead_in)));
+        }
+        Ok(())
+    }
+}
+
+/// The value of a word.
+fn chosen<T>(name: &str, word: &str, words: [(&str, T); 2]) -> PyResult<T> {
+    let [a, b] = [words[0].0, words[1].0];
+    words
+        .into_iter()
+        .find_map(|(w, value)| (w == word).then_some(value))
+        .ok_or_else(|| wrong(format!("{name} is {a} or {b}, not {word:?}")))
+}
+
 /// Writes takes; gives the files, the frames, what the numbers mean and what opens them.
 #[pyfunction]
 pub(crate) fn export(
@@ -56,7 +93,18 @@ pub(crate) fn export(
         rename: options.rename.clone(),
         ranges: Some(robot.joints().iter().map(|j| j.range).collect()),
     };
-    let bodies = if options.bodies == "isaac" { Bodies::Isaac } else { Bodies::Mujoco };
+    options.check(to)?;
+    let bodies =
+        chosen("bodies", &options.bodies, [("mujoco", Bodies::Mujoco), ("isaac", Bodies::Isaac)])?;
+    let ur_move = chosen(
+        "ur_move",
+        &options.ur_move,
+        [("servoj", UrMove::Servoj), ("movej", UrMove::Movej)],
+    )?;
+    let version = [("3.0", LeRobotVersion::V3), ("2.1", LeRobotVersion::V2)];
+    let version = chosen("lerobot_version", &options.lerobot_version, version)?;
+    let action = [("position", LeRobotAction::Position), ("torque", LeRobotAction::Torque)];
+    let action = chosen("action", &options.action, action)?;
     let episode = |t: &PyRef<'_, Take>| {
         let task = options.task.clone().unwrap_or_else(|| {
             let name = t.motion().name;
@@ -72,22 +120,17 @@ pub(crate) fn export(
         "npz" => tracking(take, robot, options.fps.unwrap_or(TRACKING_FPS), bodies),
         "ros" => ros(take, what, &ros_options()),
         "bag" => bag(take, what, &ros_options()),
-        "ur" => {
-            let how = if options.ur_move == "movej" { UrMove::Movej } else { UrMove::Servoj };
-            ur_script(take, what, how, title)
-        }
+        "ur" => ur_script(take, what, ur_move, title),
         "csv" => Ok(Export::single(take.to_csv(what).into_bytes(), take.frames(), "")),
         "json" => Ok(Export::single(take.to_json(what).into_bytes(), take.frames(), "")),
         "lerobot" => {
             let episodes: Vec<Episode> = takes.iter().map(episode).collect();
-            let v2 = options.lerobot_version == "2.1";
-            let torque = options.action == "torque";
             lerobot(
                 &episodes,
                 None,
                 &LeRobotOptions {
-                    version: if v2 { LeRobotVersion::V2 } else { LeRobotVersion::V3 },
-                    action: if torque { LeRobotAction::Torque } else { LeRobotAction::Position },
+                    version,
+                    action,
                     degrees: options.degrees,
                     rename: options.rename.clone(),
                 },

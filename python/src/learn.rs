@@ -51,12 +51,15 @@ pub(crate) fn evaluate(
     let mut suites = [Suite { name: "clips".to_owned(), cases }];
     let plant: PlantRange =
         plant.map_or_else(|| Ok(PlantRange::default()), str::parse).map_err(raise)?;
+    if seeds == 0 {
+        return Err(wrong("seeds must be at least 1"));
+    }
     let threads = threads.unwrap_or_else(cores);
     let policies = policies
         .iter()
         .map(|p| policy::config(Some(p.as_str()), &robot))
         .collect::<PyResult<_>>()?;
-    let config = EvalConfig { policies, plant, seeds: 0..seeds.max(1), threads };
+    let config = EvalConfig { policies, plant, seeds: 0..seeds, threads };
     let found = listened(py, progress, |listener, cancel| {
         if floors && config.plant == PlantRange::default() {
             // A robot that iLQR cannot drive does without.

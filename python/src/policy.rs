@@ -75,14 +75,21 @@ impl Policy {
         velocity: Option<PyReadonlyArrayDyn<'py, f64>>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let dim = self.robot.state_dim();
-        let history = numbers(&history, HISTORY * dim, "history")?;
-        let current = numbers(&current, dim, "current")?;
-        let goals = numbers(&goals, COMMAND * dim, "goals")?;
+        let history = numbers(&history, HISTORY * dim, "history", f64::is_finite)?;
+        let current = numbers(&current, dim, "current", f64::is_finite)?;
+        // A goal that is hidden may be any number or none.
+        let goals = numbers(&goals, COMMAND * dim, "goals", |_| true)?;
         let seen = mask.as_slice().map_err(|_strided| wrong("mask must be contiguous"))?;
         if seen.len() != COMMAND * dim {
             return Err(wrong(format!("mask has {} values, not {}", seen.len(), COMMAND * dim)));
         }
-        let velocity = velocity.as_ref().map(|v| numbers(v, dim, "velocity")).transpose()?;
+        if goals.iter().zip(seen).any(|(goal, seen)| *seen && !goal.is_finite()) {
+            return Err(wrong(
+                "goals holds a value that is no number and is not hidden by the mask",
+            ));
+        }
+        let velocity =
+            velocity.as_ref().map(|v| numbers(v, dim, "velocity", f64::is_finite)).transpose()?;
         // The lock is taken without the interpreter's: who waits for it must not hold the other.
         let action = py.detach(|| self.answer(history, current, goals, seen, velocity))?;
         Ok(action.into_pyarray(py))
@@ -150,18 +157,19 @@ impl Turn {
     }
 }
 
-/// The values of an array in C order.
+/// The values of an array in C order; each must be fine.
 fn numbers<'a>(
     array: &'a PyReadonlyArrayDyn<'_, f64>,
     want: usize,
     what: &str,
+    is_fine: impl Fn(f64) -> bool,
 ) -> PyResult<&'a [f64]> {
     let values =
         array.as_slice().map_err(|_strided| wrong(format!("{what} must be contiguous")))?;
     if values.len() != want {
         return Err(wrong(format!("{what} has {} values, not {want}", values.len())));
     }
-    if values.iter().any(|v| v.is_infinite()) {
+    if !values.iter().all(|v| is_fine(*v)) {
         return Err(wrong(format!("{what} holds a value that is no number")));
     }
     Ok(values)

@@ -321,3 +321,28 @@ def test_stubs_name_what_there_is():
             members |= {n.target.id for n in node.body if isinstance(n, ast.AnnAssign)}
             real = {n for n in dir(getattr(_native, name)) if not n.startswith("_")}
             assert members - {"__init__"} == real, name
+
+
+def test_what_makes_no_sense_is_refused(take, tmp_path):
+    with pytest.raises(ValueError, match="position or torque"):
+        take.export("lerobot", tmp_path / "a", action="torques")
+    with pytest.raises(ValueError, match="npz"):
+        take.export("glb", tmp_path / "a.glb", bodies="isaac")
+    with pytest.raises(rs.InvalidInput):
+        rs.Clip.new("ur5e", 0)
+    clip = rs.Clip.new("ur5e", 10, "wave")
+    with pytest.raises(rs.InvalidInput):
+        clip.name = "a\nb"
+    assert clip.name == "wave"
+    with pytest.raises(ValueError, match="wave"):
+        rs.evaluate([clip, clip], ["pd"])
+    policy = rs.Policy("ur5e", "pd")
+    rows, seen = np.zeros((31, 5)), np.zeros((20, 5), dtype=bool)
+    goals = np.full((20, 5), np.nan)
+    assert np.isfinite(policy.act(rows, goals, seen)).all()
+    seen[3, 1] = True
+    with pytest.raises(ValueError, match="goals"):
+        policy.act(rows, goals, seen)
+    rows[4, 2] = np.nan
+    with pytest.raises(ValueError, match="history"):
+        policy.act(rows, np.zeros((20, 5)), seen)

@@ -67,7 +67,8 @@ impl HasExit for Error {
 /// until all of it is on disk.
 ///
 /// # Errors
-/// [`Error::Write`]; the old file, if any, is intact and the temporary one removed.
+/// [`Error::Write`]; the old file, if any, is intact and the temporary one removed. If only the folder cannot be
+/// synced, the new file is in place, but may be lost in a power cut.
 pub fn write_atomic_with(
     path: &Path,
     fill: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>,
@@ -334,7 +335,11 @@ fn folder_of(path: &Path) -> &Path {
     }
 }
 
-fn sync_folder(dir: &Path) -> io::Result<()> {
+/// Syncs the names in a folder to the disk.
+///
+/// # Errors
+/// As the system reports them.
+pub fn sync_folder(dir: &Path) -> io::Result<()> {
     File::open(dir)?.sync_all()
 }
 

@@ -153,6 +153,10 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     if args.json && args.takes_stdout() {
         return Err(Failure::usage("--json writes to stdout, so --csv and --plot need a file"));
     }
+    let printed = |p: &Option<PathBuf>| p.as_deref().is_some_and(input::is_standard);
+    if printed(&args.csv) && printed(&args.plot) {
+        return Err(Failure::usage("--csv and --plot cannot both go to stdout"));
+    }
     let policies: Vec<PolicyConfig> =
         args.policy.iter().map(|p| args.conditions.policy(p)).collect::<Outcome<_>>()?;
     let plant = args.conditions.plant()?;

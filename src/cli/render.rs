@@ -385,7 +385,8 @@ fn shown(
         }
         let dim = done.robot.state_dim();
         let rows = done.rollout.reached().chunks_exact(dim).map(<[f64]>::to_vec).collect();
-        let motion = of_clip(&done.clip, &done.command, rows, Some(done.policy.label()), &done.robot);
+        let motion =
+            of_clip(&done.clip, &done.command, rows, Some(done.policy.label()), &done.robot);
         return Ok((done.robot, motion));
     }
     let clip = motion::clip(input, args.perform.robot.as_deref())?;

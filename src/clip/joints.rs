@@ -149,6 +149,18 @@ impl JointTable {
         }
     }
 
+    /// The same facts with the joints in the clip's order, those that it does not have at the end; without
+    /// the bodies in space, whose joints are numbered.
+    #[must_use]
+    pub fn in_order_of(mut self, clip: &Clip) -> JointTable {
+        let place = |name: &str| clip.joint(name).unwrap_or(usize::MAX);
+        let mut joints: Vec<(JointFacts, f64)> = self.joints.into_iter().zip(self.rest).collect();
+        joints.sort_by_key(|(fact, _)| place(&fact.name));
+        (self.joints, self.rest) = joints.into_iter().unzip();
+        self.kinematics = None;
+        self
+    }
+
     /// The couplings of joints that follow others. A tendon shares a force, but does not fix where each
     /// joint is.
     pub fn followers(&self) -> impl Iterator<Item = &Coupling> {
@@ -266,6 +278,15 @@ mod tests {
             granularity: Granularity::State,
             kinematics: None,
         }
+    }
+
+    #[test]
+    fn facts_come_in_the_order_of_the_clip() {
+        let mut clip = Clip::new(super::super::RobotRef::default(), 10);
+        clip.robot.joints = ["wrist", "pan", "lift"].map(String::from).to_vec();
+        let table = JointTable { rest: vec![1.0, 2.0, 3.0], ..arm() }.in_order_of(&clip);
+        assert_eq!(table.names(), clip.robot.joints);
+        assert_eq!(table.rest, [3.0, 1.0, 2.0]);
     }
 
     #[test]

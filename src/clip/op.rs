@@ -292,7 +292,8 @@ pub struct ClipNotes {
 pub struct ClipLength {
     /// Frames.
     pub length: u32,
-    /// Remove keys and markers beyond the new end; otherwise the edit is refused.
+    /// Remove keys, offsets and markers beyond the new end; otherwise the edit is refused. Masks and blocks
+    /// that go on beyond it end there.
     #[serde(default)]
     pub cut: bool,
 }

@@ -61,7 +61,11 @@ fn leads(clip: &Clip, i: usize, n: usize) -> bool {
 pub(super) fn frames_ahead(clip: &Clip) -> usize {
     let mut frames = 0;
     let mut ends: BTreeMap<Vec<(String, bool)>, usize> = BTreeMap::new();
-    for (n, key) in clip.keys.iter().enumerate() {
+    // A clip that is being checked may not be sorted yet.
+    let mut order: Vec<usize> = (0..clip.keys.len()).collect();
+    order.sort_by_key(|n| clip.keys[*n].frame);
+    for n in order {
+        let key = &clip.keys[n];
         if clip.row(key).is_none_or(|row| !row.contains(&None)) && key.reach.is_empty() {
             ends.clear();
         }

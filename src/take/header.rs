@@ -97,8 +97,10 @@ impl Header {
             return Err(format!("{} frames a second, not {FPS}", self.fps));
         }
         let cap = limits::CLIP_FRAMES as usize;
-        if self.frames == 0 || self.frames > cap || self.command_frames as usize > cap {
-            return Err(format!("{} frames; 1 to {cap} can be read", self.frames));
+        for frames in [self.frames, self.command_frames as usize] {
+            if frames == 0 || frames > cap {
+                return Err(format!("{frames} frames; 1 to {cap} can be read"));
+            }
         }
         if dim == 0 || dim > limits::JOINTS || self.start.len() != dim || robot.units.len() != dim {
             return Err(format!(

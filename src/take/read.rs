@@ -285,10 +285,9 @@ impl Scan {
                 let whole = r.doubles(&mut self.reached)? == dim
                     && r.doubles(&mut self.velocity)? == dim
                     && r.doubles(&mut self.effort)? == if last { 0 } else { dim };
-                let fresh = self.reached.iter().skip(frame * dim);
-                (whole
-                    && fresh.chain(self.velocity.iter().skip(frame * dim)).all(|v| v.is_finite()))
-                .then_some(())
+                let rows = [&self.reached, &self.velocity, &self.effort];
+                let mut fresh = rows.iter().flat_map(|row| row.iter().skip(frame * dim));
+                (whole && fresh.all(|v| v.is_finite())).then_some(())
             }
             Topic::Tf => {
                 if !next || self.poses.len() != frame * bodies * POSE {
@@ -304,7 +303,8 @@ impl Scan {
                 let sizes = m.action.len() == n && m.ctrl.len() == n;
                 let whole = self.reached.len() == (frame + 1) * dim
                     && self.poses.len() == (frame + 1) * bodies * POSE;
-                if !next || !sizes || !whole || !m.action.iter().all(|v| v.is_finite()) {
+                let fine = m.action.iter().chain(&m.ctrl).all(|v| v.is_finite());
+                if !next || !sizes || !whole || !fine {
                     return None;
                 }
                 self.actions.extend(m.action);

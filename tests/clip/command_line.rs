@@ -284,3 +284,86 @@ fn a_clip_that_another_program_changes_meanwhile_is_left_alone() {
     assert!(said.contains("another program has changed this file"), "{said}");
     assert_eq!(std::fs::read_to_string(&path).unwrap(), other);
 }
+
+#[test]
+fn clips_that_could_not_be_read_again_are_not_written() {
+    let ran = robert()
+        .args(["clip", "new", "--robot", "ur5e", "--name", "a\nb", "-o", "bad.clip.json"])
+        .run();
+    assert_eq!(ran.code, 3, "{}", ran.stderr);
+    assert!(!ran.path("bad.clip.json").exists());
+    let new = ["clip", "new", "--robot", "ur5e", "--name", " wave ", "-o", "wave.clip.json"];
+    assert_eq!(again(&ran, &new).0, 0);
+    let join = ["clip", "join", "wave.clip.json", "wave.clip.json", "-o", "two.clip.json"];
+    let (code, _, err) = again(&ran, &join);
+    assert_eq!(code, 0, "{err}");
+    let joined = Clip::load(&ran.path("two.clip.json")).unwrap();
+    assert!(joined.markers.iter().all(|m| m.name == "wave"), "{:?}", joined.markers);
+}
+
+#[test]
+fn edits_with_keys_from_elsewhere_are_refused_before_anything_is_lost() {
+    let ran = new_arm();
+    let refused = |op: &str, said: &str| {
+        fs::write(ran.path("op.json"), op).unwrap();
+        let before = fs::read(ran.path("a.clip.json")).unwrap();
+        let (code, _, err) = again(&ran, &["clip", "apply", "a.clip.json", "op.json", "-i"]);
+        assert_eq!(code, 3, "{op}: {err}");
+        assert!(err.contains(said), "{op}: {err}");
+        assert_eq!(fs::read(ran.path("a.clip.json")).unwrap(), before);
+    };
+    let joint = &Clip::load(&ran.path("a.clip.json")).unwrap().robot.joints[0];
+    refused(
+        &format!(
+            r#"{{"op":"keys.set","args":{{"frame":0,"pose":"nope","values":{{"{joint}":0.1}}}}}}"#
+        ),
+        "no pose \"nope\"",
+    );
+    refused(
+        r#"{"op":"keys.paste","args":{"at":0,"keys":[{"frame":0,"pose":"nope"}],"replace":true}}"#,
+        "no pose \"nope\"",
+    );
+    refused(
+        r#"{"op":"keys.paste","args":{"at":0,"keys":[{"frame":0,"q":[0, null]}],"replace":true}}"#,
+        "2 values",
+    );
+    refused(r#"{"op":"offsets.set","args":{"frame":3,"add":{},"hold":4}}"#, "no offset at frame 3");
+}
+
+#[test]
+fn a_key_with_end_effector_goals_can_lose_its_last_value() {
+    let ran = new_arm();
+    let mut clip = Clip::load(&ran.path("a.clip.json")).unwrap();
+    let joint = clip.robot.joints[0].clone();
+    let ops = format!(
+        r#"[{{"op":"keys.add","args":{{"keys":[{{"frame":20,"q":[0.2,null,null,null,null],
+            "reach":[{{"site":"end_effector","pos":[0.5,0.2,1.9]}}]}}]}}}},
+            {{"op":"keys.set","args":{{"frame":20,"values":{{"{joint}":null}}}}}}]"#
+    );
+    fs::write(ran.path("ops.json"), ops).unwrap();
+    let (code, _, err) = again(&ran, &["clip", "apply", "a.clip.json", "ops.json", "-i"]);
+    assert_eq!(code, 0, "{err}");
+    clip = Clip::load(&ran.path("a.clip.json")).unwrap();
+    let key = clip.key(20).unwrap();
+    assert_eq!((&key.goal, key.reach.len()), (&Goal::Open, 1));
+}
+
+#[test]
+fn a_table_with_two_starts_or_a_part_of_one_is_refused() {
+    let ran = new_arm();
+    assert_eq!(again(&ran, &["clip", "convert", "a.clip.json", "a.csv"]).0, 0);
+    let text = fs::read_to_string(ran.path("a.csv")).unwrap();
+    let (head, rows) = text.split_once('\n').unwrap();
+    for (start, said) in [
+        ("-1,-0.05,0,0,0,0,0,0\n-1,-0.05,0,0,0,0,0,1\n", "b.csv:3:1: "),
+        ("-1,-0.05,0,0,0,0,0,\n", "no value for some joints"),
+    ] {
+        fs::write(ran.path("b.csv"), format!("{head}\n{start}{rows}")).unwrap();
+        let convert = ["clip", "convert", "b.csv", "b.clip.json", "--robot", "ur5e", "--force"];
+        let (code, _, err) = again(&ran, &convert);
+        assert!(code == 3 && err.contains(said), "{code}: {err}");
+    }
+    let (code, _, err) =
+        again(&ran, &["clip", "convert", "a.clip.json", "c.csv", "--fill", "linear"]);
+    assert!(code == 2 && err.contains("--fill"), "{code}: {err}");
+}

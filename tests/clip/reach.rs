@@ -139,7 +139,10 @@ fn joints_that_do_not_move_the_point_are_on_the_line_between_their_keys() {
     let ring = robot.joint_index("RFJ3").unwrap();
     closed[ring] = Some(0.8);
     clip.keys.push(Key::with(0, Goal::Q(robot.home().into_iter().map(Some).collect())));
-    clip.keys.push(Key { reach: vec![Reach::site("fftip", [0.03, 0.03, 0.3])], ..Key::with(30, Goal::Open) });
+    clip.keys.push(Key {
+        reach: vec![Reach::site("fftip", [0.03, 0.03, 0.3])],
+        ..Key::with(30, Goal::Open)
+    });
     clip.keys.push(Key::with(60, Goal::Q(closed)));
     let command = robot.compile(&clip).unwrap();
     assert!((command.row(30)[ring] - 0.4).abs() < 1e-6, "{}", command.row(30)[ring]);

@@ -44,8 +44,9 @@ pub(super) struct Convert {
     #[arg(long, value_name = "CLIP", conflicts_with = "robot")]
     like: Option<PathBuf>,
     /// How to fill the frames between imported keys: mask, linear, cubic or hold.
-    #[arg(long, default_value = "mask", value_parser = super::files::fill_word)]
-    fill: Fill,
+    /// [default: mask]
+    #[arg(long, value_parser = super::files::fill_word)]
+    fill: Option<Fill>,
     /// Format of the input, if its name does not show it.
     #[arg(long)]
     from: Option<Format>,
@@ -181,19 +182,34 @@ pub(super) fn run(a: &Convert) -> Outcome {
     ))
 }
 
+impl Convert {
+    /// Refuses `--fill` for an input whose keys have fills already, or get them from the motion.
+    fn without_fill(&self, input: &str) -> Outcome {
+        match self.fill {
+            None => Ok(()),
+            Some(_) => Err(Failure::usage(format!(
+                "--fill is for rows and keyframes, and {} is {input}",
+                input::place(&self.input).display()
+            ))),
+        }
+    }
+}
+
 fn read(a: &Convert, from: Format, robot: Option<&RobotRef>) -> Result<Clip, Failure> {
     let place = input::place(&a.input);
     a.recorded.check(from.recorded(), from == Format::Csv)?;
+    let adopt = |clip: Clip| match robot {
+        Some(robot) => adopted(clip, robot, &a.input),
+        None => Ok(clip),
+    };
     if from == Format::Clip {
-        let clip = super::files::load(&a.input)?.clip;
-        return match robot {
-            Some(robot) => adopted(clip, robot, &a.input),
-            None => Ok(clip),
-        };
+        a.without_fill("a clip")?;
+        return adopt(super::files::load(&a.input)?.clip);
     }
     if from == Format::Mcap {
+        a.without_fill("a take")?;
         let take = input::take(&a.input)?;
-        return motion::clip_of(&take, &place.display().to_string());
+        return adopt(motion::clip_of(&take, &place.display().to_string())?);
     }
     let whose = || {
         Failure::usage(format!(
@@ -202,6 +218,7 @@ fn read(a: &Convert, from: Format, robot: Option<&RobotRef>) -> Result<Clip, Fai
         ))
     };
     if let Some(kind) = from.recorded() {
+        a.without_fill("recorded motion")?;
         return a.recorded.clip(&a.input, kind, robot.ok_or_else(whose)?, a.robot.as_deref());
     }
     let cap = limits::PROJECT_BYTES;
@@ -213,15 +230,17 @@ fn read(a: &Convert, from: Format, robot: Option<&RobotRef>) -> Result<Clip, Fai
     if from == Format::Json
         && let Some(clip) = inside_take(&text()?)
     {
-        return Ok(clip.map_err(|e| e.in_file(&place))?);
+        a.without_fill("a take")?;
+        return adopt(clip.map_err(|e| e.in_file(&place))?);
     }
+    let fill = a.fill.unwrap_or_default();
     let robot_ref = robot.ok_or_else(whose);
     let clip: Result<Clip, ClipError> = match from {
-        Format::Csv => from_csv(&bytes, Some(robot_ref?), a.fill)
+        Format::Csv => from_csv(&bytes, Some(robot_ref?), fill)
             .map(|clip| in_radians(clip, a.recorded.degrees())),
-        Format::Mjcf => from_mjcf(&text()?, robot_ref?, a.fill),
-        Format::Ros => from_ros(&text()?, Some(robot_ref?), a.fill),
-        _ => from_command_json(&text()?, robot, a.fill),
+        Format::Mjcf => from_mjcf(&text()?, robot_ref?, fill),
+        Format::Ros => from_ros(&text()?, Some(robot_ref?), fill),
+        _ => from_command_json(&text()?, robot, fill),
     };
     Ok(clip.map_err(|e| e.in_file(&place))?)
 }

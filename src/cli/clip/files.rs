@@ -56,6 +56,8 @@ pub(super) fn reference(
 
 /// Writes a clip to a file, or its text to stdout.
 pub(super) fn deliver(clip: &Clip, out: Option<&Path>, force: bool) -> Outcome {
+    // Names come from options and other files; a clip that no command reads again is not written.
+    clip.validate().map_err(|e| Failure::invalid(e.to_string()))?;
     let Some(path) = out else { return out::line(clip.to_text().trim_end()) };
     if !force && !input::is_standard(path) && path.exists() {
         let path = path.display();

@@ -65,6 +65,8 @@ fn name_of(clip: &Clip, path: &Path) -> String {
         let file = file.unwrap_or_default();
         file.split('.').next().unwrap_or_default().to_owned()
     };
-    let name = if clip.name.is_empty() { file() } else { clip.name.clone() };
-    if name.is_empty() { "block".to_owned() } else { name }
+    // The name of a block has no space around it.
+    let name = if clip.name.trim().is_empty() { file() } else { clip.name.clone() };
+    let name = name.trim();
+    if name.is_empty() { "block".to_owned() } else { name.to_owned() }
 }

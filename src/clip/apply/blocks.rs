@@ -32,6 +32,14 @@ impl Edit<'_> {
                 "a key, a mask, an offset or a marker of the block lies beyond its end",
             );
         }
+        let wide = a.part.joints.len();
+        let odd = |key: &&Key| matches!(&key.goal, Goal::Q(row) if row.len() != wide);
+        if let Some(key) = a.part.keys.iter().find(odd) {
+            let frame = key.frame;
+            return argument(format!(
+                "the block's key at frame {frame} does not have a value for each of its {wide} joints"
+            ));
+        }
         let part = a.part.ordered(&self.clip.robot.joints).or_else(|name| {
             argument(format!("only one of the two motions has a joint \"{}\"", show(&name)))
         })?;

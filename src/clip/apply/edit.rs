@@ -50,7 +50,7 @@ impl Edit<'_> {
 
     /// Gives a key the values and slopes of another one for joints that it says nothing about; its hold and fill stay.
     fn merge(&self, key: &mut Key, old: &Key) -> Done {
-        let (mut row, before) = (self.row_of(key), self.row_of(old));
+        let (mut row, before) = (self.row_of(key)?, self.row_of(old)?);
         if !key.reach.is_empty() || !row.contains(&None) {
             return Ok(());
         }
@@ -107,8 +107,18 @@ impl Edit<'_> {
         Ok(())
     }
 
-    pub(super) fn row_of(&self, key: &Key) -> Row {
-        self.clip.row(key).cloned().unwrap_or_else(|| vec![None; self.clip.dim()])
+    /// The values of a key; it may come from elsewhere.
+    pub(super) fn row_of(&self, key: &Key) -> Result<Row, OpError> {
+        let row = match &key.goal {
+            Goal::Pose(name) => self.pose(name)?,
+            Goal::Q(row) => row,
+            Goal::Open => return Ok(vec![None; self.clip.dim()]),
+        };
+        if row.len() != self.clip.dim() {
+            let (has, joints) = (row.len(), self.clip.dim());
+            return argument(format!("a key has {has} values, and the clip {joints} joints"));
+        }
+        Ok(row.clone())
     }
 
     pub(super) fn command(&self) -> Result<Command, OpError> {

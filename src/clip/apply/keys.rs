@@ -27,14 +27,16 @@ impl Edit<'_> {
             }
         }
         if !a.values.is_empty() {
-            let mut row = self.row_of(&key);
+            let mut row = self.row_of(&key)?;
             for (joint, value) in &a.values {
                 let at = self.joint(joint)?;
                 if let Some(slot) = row.get_mut(at) {
                     *slot = *value;
                 }
             }
-            key.goal = Goal::Q(row);
+            // Without a value of its own, a key may still have end-effector goals.
+            let says_nothing = !key.reach.is_empty() && row.iter().all(Option::is_none);
+            key.goal = if says_nothing { Goal::Open } else { Goal::Q(row) };
         }
         key.hold = a.hold.unwrap_or(key.hold);
         key.fill = a.fill.unwrap_or(key.fill);
@@ -152,11 +154,11 @@ impl Edit<'_> {
                 );
             }
             let there: Row = match self.clip.key(key.frame) {
-                Some(old) if old.reach.is_empty() => self.row_of(old),
+                Some(old) if old.reach.is_empty() => self.row_of(old)?,
                 Some(_) => self.commanded(&self.command()?, key.frame),
                 None => vec![None; self.clip.dim()],
             };
-            let mut row = self.row_of(key);
+            let mut row = self.row_of(key)?;
             for (j, (slot, old)) in row.iter_mut().zip(there).enumerate() {
                 if !chosen.contains(&j) {
                     *slot = old;
@@ -178,7 +180,7 @@ impl Edit<'_> {
                     "end-effector goals have no mirror image; make them joint values first";
                 return Err(OpError::Mirror { reason: reason.to_owned() });
             }
-            let row = self.mirrored(&self.row_of(key))?;
+            let row = self.mirrored(&self.row_of(key)?)?;
             key.goal = Goal::Q(row);
             if let Some(table) = self.table {
                 key.tangents = table.mirrored_tangents(&key.tangents);

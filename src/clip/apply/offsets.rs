@@ -17,6 +17,12 @@ impl Edit<'_> {
         }
         let offsets = &mut self.clip.offsets;
         let old = offsets.iter().position(|o| o.frame == a.frame).map(|i| offsets.remove(i));
+        if old.is_none() && a.add.values().all(Option::is_none) {
+            return argument(format!(
+                "there is no offset at frame {}; a new one needs `add`",
+                a.frame
+            ));
+        }
         let mut offset = old.unwrap_or_else(|| Offset {
             frame: a.frame,
             add: BTreeMap::new(),

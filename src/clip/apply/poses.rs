@@ -43,7 +43,7 @@ impl Edit<'_> {
                 Goal::Pose(a.name.clone())
             } else {
                 let there: Row = match (&old, &command) {
-                    (Some(key), _) => self.row_of(key),
+                    (Some(key), _) => self.row_of(key)?,
                     // Other joints have no value, so their holds and fills go on.
                     (None, Some(c)) => {
                         let there = c.interpolated(frame).into_iter().zip(&pose);

@@ -44,13 +44,24 @@ pub fn to_command_json(command: &Command, robot: &str) -> String {
         fps: FPS,
         joints: command.joints().to_vec(),
         start: command.start().to_vec(),
-        q: (0..command.frames()).map(row).collect(),
+        q: Vec::new(),
     };
     // Plain numbers and strings: serialising cannot fail.
-    let mut text = json::line(&document);
-    // One frame per line.
-    text = text.replace("],[", "],\n[").replace("],null", "],\nnull").replace("null,[", "null,\n[");
-    text.push('\n');
+    let empty = json::line(&document);
+    let mut text = empty.trim_end_matches("]}").to_owned();
+    // One line for each frame with goals, and one for each run of masked frames.
+    let mut before: Option<Option<Vec<Option<f32>>>> = None;
+    for t in 0..command.frames() {
+        let row = row(t);
+        match &before {
+            None => {}
+            Some(None) if row.is_none() => text.push(','),
+            Some(_) => text.push_str(",\n"),
+        }
+        text.push_str(&json::line(&row));
+        before = Some(row);
+    }
+    text.push_str("]}\n");
     text
 }
 

@@ -122,7 +122,10 @@ pub fn from_csv(bytes: &[u8], robot: Option<&RobotRef>, fill: Fill) -> Result<Cl
         if let Some(column) = head.frame {
             let at = number(column)?;
             if at == Some(-1.0) {
-                track.start = Some(row);
+                if track.start.replace(row).is_some() {
+                    let message = "there are two rows for the start (frame -1)";
+                    return Err(ClipError::at(message, line, column + 1));
+                }
                 continue;
             }
             let frame = at.filter(|f| f.fract() == 0.0).and_then(|f| frame_of(f / f64::from(FPS)));

@@ -108,7 +108,14 @@ pub fn from_mjcf(text: &str, robot: &RobotRef, fill: Fill) -> Result<Clip, ClipE
     let timed = found.len() == 1 || found.iter().any(|k| k.0 != 0.0);
     for (i, (secs, name, row, at)) in found.into_iter().enumerate() {
         if timed && secs < 0.0 {
-            track.start = Some(row);
+            if track.start.replace(row).is_some() {
+                let (line, col) = line_col(text, at);
+                return Err(ClipError::at(
+                    "there are two keys before 0 s, where the start is",
+                    line,
+                    col,
+                ));
+            }
             continue;
         }
         let frame =

@@ -99,7 +99,12 @@ impl Track {
             }
             clip.keys.push(Key::with(frame, goal));
         }
-        if let Some(start) = self.start.and_then(|s| s.into_iter().collect::<Option<Vec<f64>>>()) {
+        if let Some(start) = self.start {
+            let Some(start) = start.into_iter().collect::<Option<Vec<f64>>>() else {
+                let message =
+                    "the start (frame -1) has no value for some joints; it needs all or none";
+                return Err(ClipError::at(message, 1, 1));
+            };
             clip.start = Some(Start::Q(start));
         }
         clip.normalize();

@@ -389,12 +389,18 @@ impl<'a, 'd> Reader<'a, 'd> {
     }
 
     fn limit(&self, node: Node<'a, 'd>) -> Result<Limit, Error> {
-        let free = if self.version >= (1, 2) { f64::INFINITY } else { 0.0 };
+        let (lower, upper) =
+            (self.number_or(node, "lower", 0.0)?, self.number_or(node, "upper", 0.0)?);
+        // From URDF 1.2 on, an end that is not named is no end; before, it is at 0. The simulator has two ends or
+        // none.
+        let named = ["lower", "upper"].iter().all(|end| node.has_attribute(*end));
+        let [lower, upper] =
+            if self.version >= (1, 2) && !named { [0.0; 2] } else { [lower, upper] };
         Ok(Limit {
-            lower: self.number_or(node, "lower", -free)?,
-            upper: self.number_or(node, "upper", free)?,
-            effort: self.number_or(node, "effort", free)?,
-            velocity: self.number_or(node, "velocity", free)?,
+            lower,
+            upper,
+            effort: self.number_or(node, "effort", 0.0)?,
+            velocity: self.number_or(node, "velocity", 0.0)?,
         })
     }
 
@@ -435,6 +441,21 @@ mod tests {
         assert_eq!((robot.links.len(), robot.joints.len()), (2, 1));
         let j = robot.joints.first().unwrap();
         assert_eq!((j.limit.upper, j.limit.velocity, j.axis), (2.0, 0.0, [1.0, 0.0, 0.0]));
+    }
+
+    #[test]
+    fn ends_that_are_not_named_are_at_0_or_do_not_exist() {
+        let limit = |version: &str, written: &str| {
+            let text = format!(
+                "<robot version=\"{version}\"><joint name=\"j\" type=\"revolute\"><parent link=\"a\"/>\
+                 <child link=\"b\"/><limit {written}/></joint><link name=\"a\"/><link name=\"b\"/></robot>"
+            );
+            let l = &parse(&text).unwrap().joints[0].limit;
+            [l.lower, l.upper, l.effort, l.velocity]
+        };
+        assert_eq!(limit("1.0", "upper=\"2\""), [0.0, 2.0, 0.0, 0.0]);
+        assert_eq!(limit("1.2", "upper=\"2\" effort=\"3\""), [0.0, 0.0, 3.0, 0.0]);
+        assert_eq!(limit("1.2", "lower=\"-1\" upper=\"2\""), [-1.0, 2.0, 0.0, 0.0]);
     }
 
     #[test]

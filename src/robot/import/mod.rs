@@ -115,9 +115,10 @@ pub fn import(config: &ImportConfig) -> Result<Report, Error> {
         .map_err(|e| unfit(format!("the report cannot be written: {e}"), out))?;
     fsio::write_atomic(&temp.path().join(REPORT_FILE), &json)?;
     publish(temp, out).map_err(|e| match e.kind() {
-        std::io::ErrorKind::DirectoryNotEmpty => {
-            unfit("another command has written into this folder meanwhile; name another one".into(), out)
-        }
+        std::io::ErrorKind::DirectoryNotEmpty => unfit(
+            "another command has written into this folder meanwhile; name another one".into(),
+            out,
+        ),
         _ => write(e),
     })?;
     Ok(report)

@@ -397,8 +397,14 @@ impl<'a> Tree<'a> {
         }
         let own = [j.limit.lower, j.limit.upper];
         if own[0] >= own[1] {
-            let has_limit = self.joint_node(&j.name).children().any(|n| n.has_tag_name("limit"));
-            let why = if has_limit { "lower and upper are equal" } else { "it has no <limit>" };
+            let limit = self.joint_node(&j.name).children().find(|n| n.has_tag_name("limit"));
+            let named =
+                |n: roxmltree::Node<'_, '_>| n.has_attribute("lower") && n.has_attribute("upper");
+            let why = match limit {
+                None => "it has no <limit>",
+                Some(limit) if !named(limit) => "its <limit> does not name both",
+                Some(_) => "lower and upper are equal",
+            };
             self.draft.assumed.push(format!("joint \"{}\" has no end stops: {why}", j.name));
             return None;
         }

@@ -304,7 +304,7 @@ impl Document {
         let bytes = fsio::read_capped(&path, robert_base::limits::CLIP_BYTES)?;
         let text = String::from_utf8_lossy(&bytes).into_owned();
         let read = clip::parse_bytes(bytes).map_err(|e| e.in_file(&path))?.clip;
-        if read.robot != self.clip().robot || read.x != self.clip().x {
+        if !self.takes_content_of(&read) {
             let what = "the file has another robot or other extensions now; close it and open it";
             return Err(Error::request(what));
         }
@@ -319,6 +319,11 @@ impl Document {
         self.restored = None;
         self.rebase()?;
         Ok(changes)
+    }
+
+    /// Whether edits can turn the clip into this one: they change neither robot nor extensions.
+    pub(crate) fn takes_content_of(&self, other: &clip::Clip) -> bool {
+        other.robot == self.clip().robot && other.x == self.clip().x
     }
 
     /// Restarts the journal from the saved content.

@@ -29,14 +29,16 @@ impl Document {
     /// studio closed by itself are among the drafts.
     pub(crate) fn orphan(
         state_dir: &Path,
-        table: impl FnOnce(&Clip) -> Option<JointTable>,
+        mut table: impl FnMut(&Clip) -> Option<JointTable>,
     ) -> Option<Document> {
         // It is opened only once. A journal that is closed and reopened at once can seem to be in
         // use, because a child process that is starting holds its lock until it has loaded its own
         // program.
-        let found = Self::waiting(state_dir).into_iter().find(|(draft, _)| draft.abandoned);
-        let (_, Waiting { journal, records, damage }) = found?;
-        Document::from_journal(journal, &records, damage, table).ok()
+        let abandoned = Self::waiting(state_dir).into_iter().filter(|(draft, _)| draft.abandoned);
+        // One that cannot be read stays among the drafts.
+        abandoned.map(|(_, waiting)| waiting).find_map(|Waiting { journal, records, damage }| {
+            Document::from_journal(journal, &records, damage, &mut table).ok()
+        })
     }
 
     /// Opens a clip file if a studio was killed with it open; `None` if not.

@@ -91,11 +91,22 @@ pub(crate) fn text_of(bytes: &[u8]) -> Result<String, Refused> {
     })
 }
 
+/// A byte of a file's name as RFC 8187 writes it.
+fn percent(byte: u8) -> String {
+    if byte.is_ascii_alphanumeric() || b"-._~".contains(&byte) {
+        char::from(byte).to_string()
+    } else {
+        format!("%{byte:02X}")
+    }
+}
+
 pub(crate) fn download(name: &str, media_type: &'static str, bytes: Vec<u8>) -> Response {
     let mut headers = HeaderMap::new();
     headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(media_type));
     let plain: String = name.chars().filter(|c| !matches!(c, '"' | '\\') && c.is_ascii()).collect();
-    if let Ok(value) = format!("attachment; filename=\"{plain}\"").parse() {
+    let whole: String = name.bytes().map(percent).collect();
+    let value = format!("attachment; filename=\"{plain}\"; filename*=UTF-8''{whole}");
+    if let Ok(value) = value.parse() {
         headers.insert(header::CONTENT_DISPOSITION, value);
     }
     (headers, bytes).into_response()

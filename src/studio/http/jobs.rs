@@ -79,8 +79,9 @@ pub(crate) async fn import(State(app): Shared, Json(body): Json<ImportBody>) -> 
     if robot_folders::is_builtin(&body.id) {
         return Err(Error::request(format!("{} is a robot of the program", body.id)).into());
     }
-    let file = if body.uploaded {
-        upload_path(app.workspace.uploads.folder(), &body.file)?
+    let uploads = body.uploaded.then(|| app.workspace.uploads.folder());
+    let file = if let Some(uploads) = &uploads {
+        upload_path(uploads.path(), &body.file)?
     } else {
         app.workspace.path(&body.file)?
     };
@@ -90,8 +91,8 @@ pub(crate) async fn import(State(app): Shared, Json(body): Json<ImportBody>) -> 
         .map(|p| p.display().to_string())
         .collect();
     args.push(body.id.clone());
-    if body.uploaded {
-        args.extend(["--root".to_owned(), app.workspace.uploads.folder().display().to_string()]);
+    if let Some(uploads) = &uploads {
+        args.extend(["--root".to_owned(), uploads.path().display().to_string()]);
     }
     for body in body.without {
         // One argument each: a name that begins with a dash is still a name.
@@ -106,7 +107,8 @@ pub(crate) async fn import(State(app): Shared, Json(body): Json<ImportBody>) -> 
     if body.fixed_base {
         args.push("--fixed-base".into());
     }
-    let extra = Extra { title: format!("Import {}", body.id), ..Extra::default() };
+    let title = format!("Import {}", body.id);
+    let extra = Extra { title, scratch: uploads, ..Extra::default() };
     let request = JobRequest { kind: JobKind::Import, args };
     Ok(Json(app.jobs.start_with(request, extra, &app.workspace.folder)?))
 }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use axum::extract::{Path as UrlPath, State};
 
-use super::answer::{Answer, Json, Shared};
+use super::answer::{Answer, Json, Shared, apart};
 use crate::protocol::{
     DrawAnswer, DrawRequest, Error, Geometry, IkAnswer, IkRequest, Pin, Pose, Poses, RobotCard,
     RobotFacts, SettleAnswer,
@@ -17,8 +17,10 @@ use robert_base::limits;
 use robert_clip::JointFacts;
 
 /// `GET /api/robots`.
-pub(crate) async fn robots(State(app): Shared) -> Json<Vec<RobotCard>> {
-    Json(robot_folders::cards(&app.workspace.folder, &app.workspace.state_dir))
+pub(crate) async fn robots(State(app): Shared) -> Answer<Vec<RobotCard>> {
+    let workspace = Arc::clone(&app.workspace);
+    let read = move || robot_folders::cards(&workspace.folder, &workspace.state_dir);
+    Ok(Json(apart("the robots' folders were not read", read).await?))
 }
 
 /// `GET /api/robot/{id}`.

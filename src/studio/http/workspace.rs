@@ -1,5 +1,7 @@
 //! Examples, recent files, drafts, and the content of the folder.
 
+use std::sync::Arc;
+
 use axum::extract::{Path as UrlPath, State};
 use axum::http::StatusCode;
 
@@ -24,8 +26,9 @@ pub(crate) async fn open_example(
 }
 
 /// `GET /api/recent`.
-pub(crate) async fn recent(State(app): Shared) -> Json<Vec<RecentFile>> {
-    Json(app.workspace.recent.list())
+pub(crate) async fn recent(State(app): Shared) -> Answer<Vec<RecentFile>> {
+    let workspace = Arc::clone(&app.workspace);
+    Ok(Json(apart("the recent files were not read", move || workspace.recent.list()).await?))
 }
 
 /// `GET /api/drafts`.

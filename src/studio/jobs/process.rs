@@ -1,13 +1,13 @@
 //! The processes of jobs, and their output.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{ChildStdout, Command, Stdio};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use rustix::process::{Pid, Signal, kill_process};
+use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process, waitid};
 
 use crate::protocol::{Error, Event, Hub, JobKind, JobPhase, JobRequest, JobView};
 use robert_base::child;
@@ -167,18 +167,20 @@ impl Jobs {
             let (out, err) = (child.stdout.take(), child.stderr.take());
             let jobs = self.clone();
             let log = std::thread::spawn(move || {
-                for line in err.into_iter().flat_map(|e| BufReader::new(e).lines()) {
-                    let Ok(line) = line else { break };
+                for line in err.into_iter().flat_map(lines) {
                     jobs.with(id, |job| keep(&mut job.said.log, LOG, clipped(line)));
                 }
             });
             self.follow(id, out);
-            let exit = child.wait().ok().and_then(|s| s.code());
-            // The number may belong to another process from now on.
+            // Until it is reaped its number belongs to no other process, which a signal could meet.
+            if let Some(pid) = pid {
+                waitid(WaitId::Pid(pid), WaitIdOptions::EXITED | WaitIdOptions::NOWAIT).ok();
+            }
             self.with(id, |job| {
                 job.pid = None;
                 job.secs = job.begin.elapsed().as_secs_f64();
             });
+            let exit = child.wait().ok().and_then(|s| s.code());
             // A client that learns of the end wants to read the reason, so the lines must be
             // complete; the pipe closes with the job.
             let until = Instant::now() + LOG_PATIENCE;
@@ -203,8 +205,7 @@ impl Jobs {
 
     /// Reads the job's output until it ends.
     fn follow(&self, id: u64, out: Option<ChildStdout>) {
-        for line in out.into_iter().flat_map(|o| BufReader::new(o).lines()) {
-            let Ok(line) = line else { break };
+        for line in out.into_iter().flat_map(lines) {
             let event = serde_json::from_str(&line)
                 .unwrap_or_else(|_| JobEvent::Log { line: clipped(line) });
             self.with(id, |job| match event {
@@ -347,6 +348,12 @@ fn keep<T>(list: &mut VecDeque<T>, cap: usize, item: T) {
     list.push_back(item);
 }
 
+/// The lines of an output, whatever bytes they hold.
+fn lines(out: impl Read) -> impl Iterator<Item = String> {
+    let lines = BufReader::new(out).split(b'\n').map_while(Result::ok);
+    lines.map(|line| String::from_utf8_lossy(&line).trim_end_matches('\r').to_owned())
+}
+
 fn clipped(mut line: String) -> String {
     if line.len() > LINE_BYTES {
         let mut end = LINE_BYTES;
@@ -366,6 +373,12 @@ mod tests {
     fn jobs(dir: &Path, script: &str) -> Jobs {
         std::fs::write(dir.join("collect"), script).unwrap();
         Jobs::new(Hub::default(), PathBuf::from("/bin/sh"))
+    }
+
+    #[test]
+    fn a_line_that_is_no_text_ends_no_output() {
+        let said: Vec<String> = lines(&b"one\n\xff two\r\nthree"[..]).collect();
+        assert_eq!(said, ["one", "\u{fffd} two", "three"]);
     }
 
     fn collect() -> JobRequest {

@@ -56,7 +56,7 @@ pub struct DocumentView {
     pub dirty: bool,
     /// History.
     pub history: History,
-    /// Facts about its robot that the timeline needs.
+    /// Facts about its robot that the timeline needs; joints in the order of the clip.
     pub table: JointTable,
     /// Unsaved edits that a start recovered: show the banner.
     pub restored: Option<Restored>,
@@ -78,7 +78,7 @@ pub struct Findings {
     pub spans: Vec<Span>,
     /// Runs of frames without any goal in the window.
     pub blind: Vec<Blind>,
-    /// Whether simulation has judged every pose.
+    /// Whether simulation has judged every pose. It judges the first 4,000 different poses of a clip.
     pub simulated: bool,
     /// The masks that the policy in use accepts.
     pub granularity: Granularity,

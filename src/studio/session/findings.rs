@@ -1,6 +1,6 @@
 //! Problems of the open clip, and the simulation's findings about its poses.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::actor::SessionActor;
 use super::command::SessionCommand;
@@ -10,8 +10,8 @@ use crate::simulation::worker::{CheckPoses, Checked};
 use robert_clip as clip;
 use robert_clip::{PoseChecker, PoseReport};
 
-/// Poses whose verdicts are remembered.
-const VERDICTS: usize = 4_000;
+/// Different poses of one clip that are judged.
+const JUDGED: usize = 4_000;
 
 /// The number of poses that are checked in one request. It is small, so that other questions need
 /// not wait long.
@@ -28,7 +28,9 @@ impl SessionActor {
             names: table.names(),
             tolerance: robot.as_ref().map_or(0.05, |r| r.settle_tolerance),
             verdicts: &self.judgement.verdicts,
+            seen: BTreeSet::new(),
             unknown: Vec::new(),
+            complete: true,
         };
         let checker: Option<&mut dyn PoseChecker> =
             if robot.is_some() { Some(&mut judge) } else { None };
@@ -38,7 +40,7 @@ impl SessionActor {
             lints,
             spans: command.spans().to_vec(),
             blind: command.blind_spans(),
-            simulated: judge.unknown.is_empty(),
+            simulated: judge.complete,
             granularity: self.choice.granularity,
         };
         (findings, judge.unknown)
@@ -53,7 +55,9 @@ impl SessionActor {
         self.simulation.rollout.set_unreached(self.unreached(&findings));
         self.hub.send(&Event::Findings(findings));
         let Some(robot) = self.simulation.robot() else { return };
-        unknown.truncate(JUDGED_AT_ONCE);
+        if self.judgement.singly {
+            unknown.truncate(1);
+        }
         if unknown.is_empty() || self.judgement.asking {
             return;
         }
@@ -97,13 +101,22 @@ impl SessionActor {
             self.tell_findings();
             return;
         }
-        // A pose that kills the simulation must not be sent to it again and again.
-        let verdicts = verdicts.unwrap_or_else(|_| vec![Checked::default(); poses.len()]);
-        if self.judgement.verdicts.len() > VERDICTS {
-            self.judgement.verdicts.clear();
+        let known = &mut self.judgement;
+        // Those of the clip before this edit and after it fit.
+        if known.verdicts.len() >= 2 * JUDGED {
+            known.verdicts.clear();
         }
-        for (pose, verdict) in poses.iter().zip(verdicts) {
-            self.judgement.verdicts.insert(bits(pose), verdict);
+        known.singly = verdicts.is_err();
+        match (verdicts, poses) {
+            (Ok(verdicts), _) => {
+                known.verdicts.extend(poses.iter().map(|pose| bits(pose)).zip(verdicts));
+            }
+            // A pose that kills the simulation must not be sent to it again and again.
+            (Err(_), [pose]) if !known.failed.insert(bits(pose)) => {
+                known.verdicts.insert(bits(pose), Checked::default());
+            }
+            // The simulation may have ended for another reason.
+            (Err(_), _) => {}
         }
         self.tell_findings();
     }
@@ -119,7 +132,12 @@ struct Judge<'a> {
     names: Vec<String>,
     tolerance: f64,
     verdicts: &'a BTreeMap<Vec<u64>, Checked>,
+    /// The different poses so far.
+    seen: BTreeSet<Vec<u64>>,
+    /// The first few without a verdict.
     unknown: Vec<Vec<f64>>,
+    /// Whether all have a verdict.
+    complete: bool,
 }
 
 impl PoseChecker for Judge<'_> {
@@ -128,10 +146,21 @@ impl PoseChecker for Judge<'_> {
         let pose: Option<Vec<f64>> =
             self.names.iter().map(|n| place(n).and_then(|i| q.get(i).copied())).collect();
         let Some(pose) = pose else { return PoseReport::default() };
-        let Some(verdict) = self.verdicts.get(&bits(&pose)) else {
-            if !self.unknown.contains(&pose) {
+        let mark = bits(&pose);
+        let is_new = !self.seen.contains(&mark);
+        if is_new && self.seen.len() == JUDGED {
+            self.complete = false;
+            return PoseReport::default();
+        }
+        let verdict = self.verdicts.get(&mark);
+        if is_new {
+            self.seen.insert(mark);
+            if verdict.is_none() && self.unknown.len() < JUDGED_AT_ONCE {
                 self.unknown.push(pose);
             }
+        }
+        let Some(verdict) = verdict else {
+            self.complete = false;
             return PoseReport::default();
         };
         let settled = verdict.settled.as_ref().map(|state| {

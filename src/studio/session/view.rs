@@ -36,7 +36,7 @@ impl SessionActor {
             path: shown.path.as_ref().map(|p| p.display().to_string()),
             dirty: shown.dirty,
             history: shown.history.clone(),
-            table: self.table(),
+            table: self.table().in_order_of(shown.clip()),
             restored: shown.restored.clone(),
             findings: self.findings().0,
             policies: policies(&self.offers()),

@@ -184,11 +184,9 @@ impl Writer {
     fn put(&mut self, text: String) -> Result<Vec<Change>, Error> {
         let next = clip::parse(text)?.clip;
         let document = self.open_document()?;
-        if next.robot.id != document.clip().robot.id
-            || next.robot.joints != document.clip().robot.joints
-        {
+        if !document.takes_content_of(&next) {
             return Err(Error::request(
-                "this text is for another robot; open it as a clip of its own instead",
+                "this text is for another robot or has other extensions (`robot`, `x`); open it as a clip of its own instead",
             ));
         }
         let patch = Delta::between(document.clip(), &next);

@@ -1,17 +1,30 @@
 //! The files of a robot that a page has sent.
 
 use std::path::{Component, Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::protocol::Error;
 use robert_base::limits;
 use robert_base::scratch::Scratch;
 
-/// The uploaded files of a robot: one folder, removed when the studio ends.
+/// The uploaded files of the newest robot.
 #[derive(Debug)]
 pub(crate) struct Uploads {
-    dir: Scratch,
-    held: Mutex<(u64, usize)>,
+    held: Mutex<Held>,
+}
+
+/// Uploaded files in a folder of their own. An import that reads them keeps the folder.
+#[derive(Debug)]
+struct Held {
+    dir: Arc<Scratch>,
+    bytes: u64,
+    files: usize,
+}
+
+impl Held {
+    fn new() -> std::io::Result<Held> {
+        Ok(Held { dir: Arc::new(Scratch::new()?), bytes: 0, files: 0 })
+    }
 }
 
 impl Uploads {
@@ -20,48 +33,44 @@ impl Uploads {
     /// # Errors
     /// If the folder cannot be made.
     pub(crate) fn new() -> std::io::Result<Uploads> {
-        Ok(Uploads { dir: Scratch::new()?, held: Mutex::default() })
+        Ok(Uploads { held: Mutex::new(Held::new()?) })
     }
 
-    /// The folder of the uploads.
-    pub(crate) fn folder(&self) -> &Path {
-        self.dir.path()
+    /// The folder of the uploads. It is removed when nobody holds it and other files were sent.
+    pub(crate) fn folder(&self) -> Arc<Scratch> {
+        Arc::clone(&self.lock().dir)
     }
 
-    /// Stores a file; `first` removes those before.
+    fn lock(&self) -> MutexGuard<'_, Held> {
+        self.held.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Stores a file; `first` begins another robot.
     ///
     /// # Errors
     /// [`Error::Full`], [`Error::Request`], [`Error::Server`].
     pub(crate) fn put(&self, name: &str, first: bool, bytes: &[u8]) -> Result<(), Error> {
-        let path = upload_path(self.folder(), name)?;
-        let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut held = self.lock();
         if first {
-            *held = (0, 0);
-            for entry in std::fs::read_dir(self.folder()).map_err(Error::Server)?.flatten() {
-                let old = entry.path();
-                let gone = if old.is_dir() {
-                    std::fs::remove_dir_all(old)
-                } else {
-                    std::fs::remove_file(old)
-                };
-                gone.map_err(Error::Server)?;
-            }
+            *held = Held::new().map_err(Error::Server)?;
         }
-        held.0 += bytes.len() as u64;
-        held.1 += 1;
-        if held.0 > limits::UPLOAD_BYTES {
+        let path = upload_path(held.dir.path(), name)?;
+        let (total, files) = (held.bytes + bytes.len() as u64, held.files + 1);
+        if total > limits::UPLOAD_BYTES {
             return Err(Error::Full {
                 what: "bytes in one robot",
                 cap: limits::UPLOAD_BYTES as usize,
             });
         }
-        if held.1 > limits::PROJECT_FILES {
+        if files > limits::PROJECT_FILES {
             return Err(Error::Full { what: "files in one robot", cap: limits::PROJECT_FILES });
         }
         if let Some(dir) = path.parent() {
             std::fs::create_dir_all(dir).map_err(Error::Server)?;
         }
-        std::fs::write(&path, bytes).map_err(Error::Server)
+        std::fs::write(&path, bytes).map_err(Error::Server)?;
+        (held.bytes, held.files) = (total, files);
+        Ok(())
     }
 }
 
@@ -102,10 +111,23 @@ mod tests {
         let full = uploads.put("more.stl", false, b"");
         assert!(matches!(full, Err(Error::Full { cap: limits::PROJECT_FILES, .. })), "{full:?}");
         uploads.put("first.stl", true, b"").unwrap();
-        assert_eq!(std::fs::read_dir(uploads.folder()).unwrap().count(), 1);
-        uploads.held.lock().unwrap().0 = limits::UPLOAD_BYTES - 2;
-        uploads.put("two.stl", false, b"12").unwrap();
-        let full = uploads.put("three.stl", false, b"3");
+        assert_eq!(std::fs::read_dir(uploads.folder().path()).unwrap().count(), 1);
+        uploads.lock().bytes = limits::UPLOAD_BYTES - 2;
+        let full = uploads.put("two.stl", false, b"123");
         assert!(matches!(full, Err(Error::Full { what: "bytes in one robot", .. })), "{full:?}");
+        uploads.put("three.stl", false, b"12").unwrap();
+    }
+
+    #[test]
+    fn an_import_keeps_its_files_when_the_next_robot_is_sent() {
+        let uploads = Uploads::new().unwrap();
+        uploads.put("arm.urdf", true, b"one").unwrap();
+        let one = uploads.folder();
+        uploads.put("arm.urdf", true, b"two").unwrap();
+        assert_eq!(std::fs::read(one.path().join("arm.urdf")).unwrap(), b"one");
+        assert_eq!(std::fs::read(uploads.folder().path().join("arm.urdf")).unwrap(), b"two");
+        let gone = one.path().to_owned();
+        drop(one);
+        assert!(!gone.exists());
     }
 }

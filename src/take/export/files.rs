@@ -114,6 +114,8 @@ impl Export {
             paths.push(place);
         }
         put_in_place(fresh.path(), &target).map_err(failed(&target))?;
+        // What was there before is removed only now.
+        fsio::sync_folder(&parent).map_err(failed(&target))?;
         Ok(paths)
     }
 }

@@ -162,7 +162,7 @@ impl Found {
     }
 }
 
-/// Names and positions in a message. A message with fewer positions than names has none.
+/// Names and positions in a message; none if it has no positions.
 fn states(data: &[u8]) -> Option<(Vec<&str>, Vec<f64>)> {
     let mut reader = cdr::Reader::stamped(data)?;
     let count = reader.u32()? as usize;
@@ -172,6 +172,8 @@ fn states(data: &[u8]) -> Option<(Vec<&str>, Vec<f64>)> {
     let names = (0..count).map(|_| reader.text()).collect::<Option<Vec<_>>>()?;
     let mut q = Vec::new();
     reader.doubles(&mut q)?;
+    // Drivers that publish joints in parts also send messages with names and no position.
+    let names = if q.is_empty() { Vec::new() } else { names };
     (q.len() == names.len()).then_some((names, q))
 }
 

@@ -171,7 +171,10 @@ export interface Clip {
 
 /** Arguments of `clip.length`. */
 export interface ClipLength {
-  /** Remove keys and markers beyond the new end; otherwise the edit is refused. */
+  /**
+   * Remove keys, offsets and markers beyond the new end; otherwise the edit is refused. Masks and blocks
+   * that go on beyond it end there.
+   */
   cut?: boolean;
   /** Frames. */
   length: number;
@@ -367,7 +370,7 @@ export interface DocumentView {
   restored: Restored | null;
   /** Version. */
   rev: number;
-  /** Facts about its robot that the timeline needs. */
+  /** Facts about its robot that the timeline needs; joints in the order of the clip. */
   table: JointTable;
 }
 
@@ -636,7 +639,7 @@ export interface Findings {
   lints: Lint[];
   /** The version they are about. */
   rev: number;
-  /** Whether simulation has judged every pose. */
+  /** Whether simulation has judged every pose. It judges the first 4,000 different poses of a clip. */
   simulated: boolean;
   /** Spans of frames of one kind, without gaps from the first frame to the last. */
   spans: Span[];

@@ -236,7 +236,7 @@ impl Finder<'_> {
         let near = runs.iter().flat_map(|run| self.intervals(from, to, run.joint));
         let cubic = near.filter(|(_, i, _)| self.clip.fill_after(&keys[*i]) == Fill::Cubic);
         let frames = cubic.map(|(last, _, next)| keys[next].frame - last).filter(|l| *l > 1);
-        frames.min().map_or(1.0, |l| 1.0 / (1.0 - 4.0 / 3.0 / f64::from(l * l)).max(2.0 / 3.0))
+        frames.min().map_or(1.0, |l| 1.0 / (1.0 - 4.0 / 3.0 / f64::from(l).powi(2)).max(2.0 / 3.0))
     }
 
     /// Slows everything down by the smallest factor that is enough after rounding to frames.

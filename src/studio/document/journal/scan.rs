@@ -264,7 +264,7 @@ impl Reading {
         self.position.number = self.position.number.max(1);
         let before = match kind {
             Kind::Edit | Kind::Redo => raw.done.saturating_sub(1),
-            Kind::Undo => raw.done + 1,
+            Kind::Undo => raw.done.saturating_add(1),
             _ => raw.done,
         };
         let known = (missing == 1).then_some(raw.before);
