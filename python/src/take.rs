@@ -230,7 +230,7 @@ impl Take {
         let rad = self.take.robot.units.contains(&Unit::Rad);
         Motion {
             name: clip.as_ref().map_or_else(String::new, |c| c.name.clone()),
-            performer: self.take.provenance.policy.clone(),
+            performer: Some(self.take.provenance.policy.clone()),
             fps: f64::from(FPS),
             commanded: self.commanded(),
             achieved: (0..self.take.frames()).map(|f| self.take.state(f).to_vec()).collect(),

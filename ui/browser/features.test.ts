@@ -534,6 +534,23 @@ describe("features", () => {
     assert.equal(await use.count(), 0, "nothing nearer is left to propose");
   });
 
+  test("policies are tried where rollouts are started by hand, and are started by hand again after that", async () => {
+    await afresh();
+    await t.byId("policy").selectOption("computed-torque");
+    await t.until((s) => s.rollout?.policy === "computed-torque" && s.rollout.phase === "done", "performed");
+    await t.press("Shift+R");
+    await t.until((s) => !s.settings.auto, "by hand");
+    await t.panel("policies");
+    await t.byId("try-all").click();
+    const busy = t.page.getByText(/^Trying /);
+    await busy.waitFor();
+    await busy.waitFor({ state: "detached" });
+    await t.byId("tries").waitFor();
+    await t.until((s) => !s.settings.auto && s.settings.policy === "computed-torque", "as before");
+    await t.press("Shift+R");
+    await t.until((s) => s.settings.auto, "by themselves");
+  });
+
   test("the automatic choice says what it compared, and shows the best", async () => {
     await afresh();
     await t.byId("policy").selectOption("auto");

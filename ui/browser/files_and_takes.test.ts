@@ -143,6 +143,31 @@ describe("takes and files", () => {
     assert.deepEqual(t.errors, []);
   });
 
+  test("the name of a take is typed while the clip is performed again", async () => {
+    await afresh();
+    await t.press("Shift+B");
+    const { takes } = await t.until((s) => s.takes.some((k) => k.pinned && k.rev === s.rev), "pinned");
+    const own = takes.find((k) => k.pinned && k.rev === 0);
+    assert.ok(own);
+    await t.panel("takes");
+    const row = t.byId(`take-${own.id}`);
+    await row.getByRole("button", { name: /^Rename/ }).click();
+    const field = row.getByRole("textbox");
+    await field.fill("half a na");
+    await studio.api("POST", "/api/ops", {
+      ops: [{ op: "keys.set", args: { frame: 30, values: { elbow: 1.3 } } }],
+    });
+    await t.until((s) => s.rev === 1, "edited");
+    await t.rolledOut();
+    assert.equal(await field.inputValue(), "half a na");
+    await field.press("End");
+    await t.page.keyboard.type("me");
+    await t.page.keyboard.press("Enter");
+    await t.until((s) => s.takes.some((k) => k.name === "half a name"), "named");
+    await row.getByRole("button", { name: /^Remove/ }).click();
+    await t.until((s) => !s.takes.some((k) => k.id === own.id), "removed");
+  });
+
   test("a take of other goals says so", async () => {
     await afresh();
     await t.byId("policy").selectOption("computed-torque");
@@ -252,6 +277,18 @@ describe("takes and files", () => {
     // What leads out of the folder is refused, in words.
     const out = await studio.api("GET", "/api/files?dir=..");
     assert.equal(out.status, 400);
+  });
+
+  test("a command in a folder becomes a clip, as one that is dropped does", async () => {
+    const { joints } = JSON.parse(ARM).robot;
+    const rows = Array.from({ length: 30 }, (_, f) => [-1.5 + f / 100, -1.5, 1.5, -1.5, -1.5]);
+    const command = { format: "robert-command/1", robot: "ur5e", fps: 20, joints, start: rows[0], q: rows };
+    studio.file("told.json", JSON.stringify(command));
+    await t.press("Control+o");
+    await t.byId("at-told.json").click();
+    const s = await t.until((x) => x.clip?.name === "told", "opened");
+    assert.equal(s.clip?.length, 30);
+    assert.deepEqual(await t.page.getByRole("alert").allInnerTexts(), [], "nothing was refused");
   });
 
   test("a CSV and MJCF keys come in by the picker, a drop and a folder", async () => {

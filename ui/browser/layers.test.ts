@@ -285,6 +285,48 @@ describe("layers", () => {
     assert.ok(values?.q?.slice(1).every((v, j) => Math.abs((v ?? 9) - (before[j + 1] ?? 0)) < 0.05));
   });
 
+  /** A key at frame 40 that says where the end effector is. */
+  const keyed = async (): Promise<void> => {
+    await t.afresh();
+    await t.rolledOut();
+    await t.goTo(40);
+    await t.press("g");
+    await t.until((s) => s.site !== undefined, "an end effector");
+    await t.press("Shift+k");
+    await t.until((s) => s.clip?.keys.some((k) => k.frame === 40) ?? false, "a key");
+    await t.press("Escape");
+  };
+
+  test("a pose that waits becomes the values of a key that said where the end effector is", async () => {
+    await keyed();
+    await t.page.getByRole("button", { name: "Auto-key" }).click();
+    await t.goTo(50);
+    const field = t.byId("joint-0").locator("input[type=text]");
+    await field.fill("-60");
+    await field.press("Enter");
+    const floating = (await t.until((s) => s.floating !== undefined, "a pose that waits")).floating ?? [];
+    await t.goTo(40);
+    await t.page.getByRole("button", { name: "Make it a key (K)" }).click();
+    const s = await t.until((x) => x.clip?.keys.some((k) => k.frame === 40 && k.q) ?? false, "joint values");
+    const key = s.clip?.keys.find((k) => k.frame === 40);
+    assert.equal(key?.reach, undefined);
+    assert.ok(key?.q?.every((v, j) => Math.abs((v ?? 9) - (floating[j] ?? 0)) < 1e-5));
+    await t.page.getByRole("button", { name: "Auto-key" }).click();
+  });
+
+  test("a key keeps its end-effector goal when the fields of its joints are emptied", async () => {
+    await keyed();
+    await t.press("Enter");
+    const fields = t.page.locator(".typed input");
+    await fields.first().waitFor();
+    for (let j = 0; j < (await fields.count()); j++) await fields.nth(j).fill("");
+    await fields.first().press("Enter");
+    await fields.first().waitFor({ state: "detached" });
+    const key = (await t.state()).clip?.keys.find((k) => k.frame === 40);
+    assert.ok(key?.reach?.length && !key.q, JSON.stringify(key));
+    assert.deepEqual(await t.page.getByRole("alert").allInnerTexts(), [], "nothing was refused");
+  });
+
   test("nothing left the origin, and no script broke", () => {
     assert.deepEqual(t.foreign, []);
     assert.deepEqual(t.errors, []);

@@ -5,6 +5,9 @@ import type { Clip, Fill, Key } from "./protocol";
 
 export type { Clip, Fill, Key, Marker, Mask } from "./protocol";
 
+/** Frames a second; a clip of another rate is refused. */
+export const FPS = 20;
+
 /** Frames that a key commands: its own and its hold. */
 export function keyEnd(key: Key): number {
   return key.frame + Math.max(1, key.hold ?? 1);
@@ -26,14 +29,18 @@ export function isOf(clip: Clip, key: Key, joint: number): boolean {
   return typeof values(clip, key)[joint] === "number" || (key.reach?.length ?? 0) > 0;
 }
 
-/** Joints of a key that a pose would change. Those that the key leaves open stay open. */
-export function changedBy(clip: Clip, key: Key, pose: number[]): Record<string, number> {
+/** Joints of a key that a pose would change. Those that the key leaves open stay open. Where end-effector goals
+ * decide, only the program knows their values, so the pose sets all that it has. */
+export function changedBy(clip: Clip, key: Key, pose: (number | null)[]): Record<string, number> {
   const held = values(clip, key);
+  const solved = (key.reach?.length ?? 0) > 0;
   return Object.fromEntries(
     clip.robot.joints.flatMap((name, j) => {
       const [was, now] = [held[j], pose[j]];
+      if (typeof now !== "number") return [];
       // Values live on a grid of 1e-6.
-      return typeof was === "number" && now !== undefined && Math.abs(now - was) > 5e-7 ? [[name, now]] : [];
+      const changes = solved || (typeof was === "number" && Math.abs(now - was) > 5e-7);
+      return changes ? [[name, now]] : [];
     }),
   );
 }
@@ -78,7 +85,7 @@ export function newKey(clip: Clip, frame: number, q: (number | null)[], joint?: 
   return { frame, q, ...(fill && { fill }) };
 }
 
-/** Frames as `m:ss:ff`-like text for people: seconds and frames. */
+/** A frame as seconds for people, such as `2.75 s`. */
 export function clock(frame: number, fps: number): string {
   return `${(frame / fps).toFixed(2)} s`;
 }

@@ -2,10 +2,10 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { parseTime } from "./clip";
+import { FPS, parseTime } from "./clip";
 import { Answers, Dialog, openDialog } from "./dialog";
 import { opening } from "./documents";
-import type { FileCard, Listing } from "./protocol";
+import type { DocumentView, FileCard, Listing } from "./protocol";
 import { isMedia, openReference } from "./reference";
 import * as store from "./store";
 import { complain, http, Refusal } from "./wire";
@@ -35,8 +35,7 @@ export async function take(file: Incoming, robot?: string): Promise<void> {
       `${file.name} has ${Math.ceil(file.body.size / 1e6)} MB; the limit is ${CAP >> 20} MB`,
       "error",
     );
-  if ("path" in file && /\.json$/i.test(file.name))
-    return opening(http("POST /api/open", { body: { path: file.path } }));
+  if ("path" in file && /\.json$/i.test(file.name)) return opening(openPath(file.path));
   if (nameless(file.name) && !robot && !store.doc.value) {
     waiting = file;
     return openDialog({ name: "whose" });
@@ -46,6 +45,16 @@ export async function take(file: Incoming, robot?: string): Promise<void> {
     ...(robot ? { robot } : {}),
   };
   await opening(http("POST /api/clips", { query, body: "body" in file ? file.body : "" }));
+}
+
+/** Opens the file of a clip. A command ends in `.json`, too: it becomes a new clip, as one that is dropped does. */
+async function openPath(path: string): Promise<DocumentView> {
+  try {
+    return await http("POST /api/open", { body: { path } });
+  } catch (e) {
+    if (!(e instanceof Refusal && e.body.code === "invalid")) throw e;
+    return http("POST /api/clips", { query: { path }, body: "" });
+  }
 }
 
 /** A file becomes a block of the clip, where the playhead is. */
@@ -178,7 +187,7 @@ const WHAT: Record<FileCard["kind"], string> = {
 function about(f: FileCard): string {
   if (f.why) return f.why;
   if (f.clip)
-    return `${f.clip.name || "untitled"} · ${f.clip.robot} · ${(f.clip.length / 20).toFixed(0)} s · ${f.clip.keys} key${f.clip.keys === 1 ? "" : "s"}`;
+    return `${f.clip.name || "untitled"} · ${f.clip.robot} · ${(f.clip.length / FPS).toFixed(0)} s · ${f.clip.keys} key${f.clip.keys === 1 ? "" : "s"}`;
   return WHAT[f.kind];
 }
 

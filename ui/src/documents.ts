@@ -15,7 +15,7 @@ export function adopt(d: DocumentView | null): void {
     store.doc.value = d ? { ...d, restored: d.restored?.edits ?? 0 } : undefined;
     if (!d) {
       store.page.value = "gallery";
-      store.frames.value = { q: [], error: [] };
+      store.performed.value = { q: [], error: [] };
       store.rollout.value = undefined;
       return;
     }
@@ -41,7 +41,7 @@ function forget(): void {
   store.range.value = undefined;
   store.joint.value = undefined;
   store.site.value = undefined;
-  store.frames.value = { q: [], error: [] };
+  store.performed.value = { q: [], error: [] };
   store.rollout.value = undefined;
   closeReference();
   forgetPose();
@@ -50,7 +50,9 @@ function forget(): void {
 async function loadRobot(id: string): Promise<void> {
   if (store.robot.value?.id === id) return;
   try {
-    store.robot.value = await http("GET /api/robot/{id}", { at: { id } });
+    const facts = await http("GET /api/robot/{id}", { at: { id } });
+    // Another document may have been opened meanwhile, of another robot.
+    if (store.doc.value?.clip.robot.id === id) store.robot.value = facts;
   } catch (e) {
     complain(e);
   }

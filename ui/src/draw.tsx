@@ -8,7 +8,7 @@ import { Icon } from "./icon";
 import { parseNumber, TIMES } from "./numbers";
 import { poseAt } from "./posing";
 import type { DrawAnswer, Op, Plane } from "./protocol";
-import { inRobotOrder, siteTitle } from "./sites";
+import { inClipOrder, inRobotOrder, siteTitle } from "./sites";
 import * as store from "./store";
 import { colors } from "./theme";
 import { applyOp, complain, http, tell } from "./wire";
@@ -47,8 +47,7 @@ export function toggleDrawing(): void {
 }
 
 /** The edit that puts a drawn line into the clip from the playhead on, and how many keys it ends. */
-export function drawnEdit(clip: Clip, frame: number, names: string[], answer: DrawAnswer): [Op, number] {
-  const inClipOrder = (q: number[]): number[] => clip.robot.joints.map((name) => q[names.indexOf(name)] ?? 0);
+export function drawnEdit(clip: Clip, frame: number, answer: DrawAnswer): [Op, number] {
   const keys = answer.keys.map((k) => ({
     frame: frame + k.frame,
     q: inClipOrder(k.q),
@@ -97,10 +96,9 @@ async function finish(points: Point[]): Promise<void> {
         locked: [...store.locked.value],
       },
     });
-    const names = (store.robot.value?.table.joints ?? []).map((j) => j.name);
     const now = store.doc.value;
-    if (!now || answer.keys.length === 0) return;
-    const [op, gone] = drawnEdit(now.clip, frame, names, answer);
+    if (now?.opened !== d.opened || answer.keys.length === 0) return;
+    const [op, gone] = drawnEdit(now.clip, frame, answer);
     if (!(await applyOp(op))) return;
     drawn.value = answer;
     drawing.value = false;

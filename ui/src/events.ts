@@ -66,8 +66,8 @@ export function receive(e: Event): void {
       return;
     }
     case "rollout.frames": {
-      const f = store.frames.value;
-      store.frames.value = {
+      const f = store.performed.value;
+      store.performed.value = {
         q: [...f.q.slice(0, e.from), ...e.q],
         error: [...f.error.slice(0, e.from), ...e.error],
       };
@@ -78,8 +78,9 @@ export function receive(e: Event): void {
       if (e.phase === "failed" && e.error) store.announcement.value = e.error;
       return;
     case "select": {
-      const joints = store.doc.value?.clip.robot.joints ?? [];
-      store.joint.value = e.joint === undefined ? undefined : Math.max(0, joints.indexOf(e.joint));
+      // A joint that this clip does not have is none of its rows.
+      const joint = store.doc.value?.clip.robot.joints.indexOf(e.joint ?? "") ?? -1;
+      store.joint.value = joint < 0 ? undefined : joint;
       store.site.value = e.site;
       return;
     }

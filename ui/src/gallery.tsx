@@ -4,6 +4,7 @@ import { useSignal } from "@preact/signals";
 import { Bot, ChevronRight, FolderOpen, Plus } from "lucide";
 import { useEffect } from "preact/hooks";
 import { act } from "./actions/index";
+import { FPS } from "./clip";
 import { opening, refreshGallery } from "./documents";
 import { Icon } from "./icon";
 import { refreshWorkspace } from "./jobs";
@@ -70,7 +71,7 @@ function Card({ item, pictured, onDone }: { item: GalleryItem; pictured: boolean
         <span class="title">{item.name}</span>
         <br />
         <span class="sub">
-          {ROBOTS[item.robot] ?? item.robot} · {(item.length / 20).toFixed(0)} s · {item.keys} key
+          {ROBOTS[item.robot] ?? item.robot} · {(item.length / FPS).toFixed(0)} s · {item.keys} key
           {item.keys === 1 ? "" : "s"}
         </span>
         <br />
@@ -92,7 +93,7 @@ export function Gallery() {
   const name = useSignal("");
   const secs = useSignal("5");
   const create = (): void => {
-    const length = Math.round((parseNumber(secs.value, TIMES) ?? 0) * 20);
+    const length = Math.round((parseNumber(secs.value, TIMES) ?? 0) * FPS);
     if (length < 2) return store.toast(`"${secs.value}" is not a number of seconds`, "error");
     void opening(http("POST /api/new", { body: { robot: chosen.value, length, name: name.value.trim() } }));
   };

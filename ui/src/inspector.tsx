@@ -10,19 +10,23 @@ import { isLocked } from "./locks";
 import { jointMoved, poseAt } from "./posing";
 import { Reach } from "./reach";
 import { Settled } from "./settled";
+import { inClipOrder, inRobotOrder } from "./sites";
 import * as store from "./store";
 import { complain, http } from "./wire";
 
 async function settle(): Promise<void> {
   const d = store.doc.value;
   if (!d) return;
+  const frame = store.playhead.value;
   try {
-    const answer = await http("POST /api/settle", { body: { q: poseAt(d.clip, store.playhead.value) } });
+    const answer = await http("POST /api/settle", { body: { q: inRobotOrder(poseAt(d.clip, frame)) } });
+    if (store.doc.value?.opened !== d.opened) return;
+    const q = inClipOrder(answer.q);
     const changes = Object.fromEntries(
-      d.clip.robot.joints.flatMap((n, j) => (isLocked(n) ? [] : [[n, answer.q[j] ?? 0]])),
+      d.clip.robot.joints.flatMap((n, j) => (isLocked(n) ? [] : [[n, q[j] ?? 0]])),
     );
     const worst = Math.max(0, ...answer.residual.map(Math.abs));
-    void jointMoved(changes, true);
+    void jointMoved(changes, true, frame);
     store.toast(
       `settled: the simulated robot ends within ${store.shownError(worst, store.unit.value)} of the pose`,
     );

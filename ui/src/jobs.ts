@@ -33,11 +33,22 @@ function newLines(job: JobView, before: JobView | undefined): JobEvent[] {
   return [job.last];
 }
 
+/** What an answer says of a job. An event that came while the answer was on its way may be the later of the two:
+ * it stands, unless the answer knows of more. */
+function newest(answer: JobView, asked: JobView | undefined): JobView {
+  const now = store.jobs.value.get(answer.id);
+  if (!now || now === asked || now.events < answer.events) return answer;
+  const missed = now.events - answer.events;
+  const lines = [...answer.lines, ...(missed ? now.lines.slice(-missed) : [])];
+  return { ...now, lines: lines.slice(-LINES) };
+}
+
 /** All lines of a job, for its curves. */
 export async function loadJob(id: number): Promise<void> {
+  const asked = store.jobs.value.get(id);
   try {
     const whole = await http("GET /api/jobs/{id}", { at: { id }, query: { from: 0 } });
-    store.jobs.value = new Map(store.jobs.value).set(id, whole);
+    store.jobs.value = new Map(store.jobs.value).set(id, newest(whole, asked));
   } catch (e) {
     complain(e);
   }
@@ -108,9 +119,11 @@ export async function resumeJob(id: number): Promise<void> {
 }
 
 export async function refreshJobs(): Promise<void> {
+  const before = store.jobs.value;
   try {
     const all = await http("GET /api/jobs");
-    store.jobs.value = new Map(all.map((j) => [j.id, j]));
+    const begun = [...store.jobs.value].filter(([id]) => !before.has(id));
+    store.jobs.value = new Map([...begun, ...all.map((j) => [j.id, newest(j, before.get(j.id))] as const)]);
     for (const j of all) if (j.events > 0 && j.kind !== "render" && j.kind !== "export") void loadJob(j.id);
   } catch (e) {
     complain(e);

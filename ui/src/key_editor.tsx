@@ -1,10 +1,10 @@
 // The values of one key, typed.
 
 import { useSignal } from "@preact/signals";
-import { clock, keyAt, parseTime, values } from "./clip";
+import { clock, keyAt, parseTime, values as valuesOf } from "./clip";
 import { Answers, Dialog } from "./dialog";
 import { ANGLES, fixed, LENGTHS, parseNumber } from "./numbers";
-import { barePose } from "./posing";
+import { barePose, valueEdits } from "./posing";
 import type { Op } from "./protocol";
 import * as store from "./store";
 import { edit } from "./wire";
@@ -22,7 +22,9 @@ export function KeyEditor({ frame, onClose }: { frame: number; onClose: () => vo
   const scale = (j: number): number =>
     d.table.joints[j]?.unit === "rad" && store.degrees.value ? 180 / Math.PI : 1;
   const shown = (v: number, j: number): string => fixed(v * scale(j), scale(j) === 1 ? 4 : 2);
-  const own = key && values(d.clip, key);
+  const own = key && valuesOf(d.clip, key);
+  /** Joints that the key has a value for. */
+  const stated = d.clip.robot.joints.filter((_, j) => typeof own?.[j] === "number");
   // The key says nothing about a joint whose field is empty.
   const reaches = (key?.reach?.length ?? 0) > 0;
   const before = q.map((v, j) => (own && !reaches && typeof own[j] !== "number" ? "" : shown(v, j)));
@@ -50,13 +52,12 @@ export function KeyEditor({ frame, onClose }: { frame: number; onClose: () => vo
       if (await edit("keys.delete", { frames: [frame] })) onClose();
       return;
     }
-    // End-effector goals would overrule the values.
-    if (reaches && Object.keys(changes).length) ops.push({ op: "keys.bake", args: { frames: [frame] } });
-    if (Object.keys(changes).length || held !== (key?.hold ?? 1)) {
-      ops.push({
-        op: "keys.set",
-        args: { frame, ...(Object.keys(changes).length ? { values: changes } : {}), hold: held },
-      });
+    // Without any value a key keeps its end-effector goals alone.
+    const values = empty ? Object.fromEntries(stated.map((name) => [name, null])) : changes;
+    const given = Object.keys(values).length > 0;
+    if (given || held !== (key?.hold ?? 1)) {
+      const args = { frame, ...(given ? { values } : {}), hold: held };
+      ops.push(...(key && given && !empty ? valueEdits(key, args) : [{ op: "keys.set" as const, args }]));
     }
     if (to !== frame) ops.push({ op: "keys.move", args: { frames: [frame], df: to - frame } });
     if (ops.length === 0 || (await edit("batch", { label: `Edit key at ${frame}`, ops }))) onClose();

@@ -24,10 +24,9 @@ export function unlockedOnly(): { joints?: string[] } {
 }
 
 /** The values of a new key: it says nothing about locked joints, so their holds and fills go on. */
-export function unlocked(q: readonly number[]): (number | null)[] {
+export function unlocked(q: readonly (number | null)[]): (number | null)[] {
   const all = store.doc.value?.clip.robot.joints ?? [];
-  const free = all.map((j) => !isLocked(j));
-  return free.includes(true) ? q.map((v, j) => (free[j] ? v : null)) : [...q];
+  return q.map((v, j) => (isLocked(all[j] ?? "") ? null : v));
 }
 
 /** Locks these joints, or frees them when all of them are locked. */

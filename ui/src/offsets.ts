@@ -21,11 +21,10 @@ export function followDocument(): () => void {
   });
 }
 
-/** The edit that a pose under a hand means. */
-export function shapingEdit(wanted: Record<string, number>): Op | undefined {
+/** The edit that a pose under a hand means at a frame. */
+export function shapingEdit(wanted: Record<string, number>, frame: number): Op | undefined {
   const clip = store.doc.value?.clip;
   if (!clip) return undefined;
-  const frame = store.playhead.value;
   const args = shapes(clip, frame, wanted, (j) => commandedAt(clip, j, frame), store.fade.value);
   return args && { op: "offsets.set", args };
 }

@@ -1,10 +1,9 @@
 // The path of what is selected, in the 3D view: what a hand on it does to the clip.
 
-import { keyAt, newKey } from "./clip";
+import { keyAt } from "./clip";
 import { addedAt } from "./layers";
-import { unlocked } from "./locks";
+import { addPose } from "./posing";
 import * as store from "./store";
-import { edit } from "./wire";
 
 /**
  * A diamond was taken or clicked: its key is the one that is edited. With values, the line was
@@ -19,8 +18,9 @@ export function pathTouched(frame: number, values: Record<string, number> | null
     store.selection.value = keyAt(clip, frame) ? new Set([frame]) : new Set();
     return;
   }
-  const q = clip.robot.joints.map((name, j) => (values[name] ?? 0) - addedAt(clip, j, frame));
-  void edit("keys.add", { keys: [newKey(clip, frame, unlocked(q))] }).then((ok) => {
-    if (ok) store.selection.value = new Set([frame]);
+  const q = clip.robot.joints.map((name, j) => {
+    const value = values[name];
+    return value === undefined ? null : value - addedAt(clip, j, frame);
   });
+  void addPose(frame, q);
 }

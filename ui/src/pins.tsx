@@ -6,7 +6,7 @@ import { useEffect } from "preact/hooks";
 import { Icon } from "./icon";
 import { jointMoved, shownPose } from "./posing";
 import type { IkAnswer, Pin } from "./protocol";
-import { inRobotOrder, sitePlace, siteTitle, type V3 } from "./sites";
+import { inClipOrder, inRobotOrder, sitePlace, siteTitle, type V3 } from "./sites";
 import * as store from "./store";
 import { complain, http, tell } from "./wire";
 
@@ -56,27 +56,39 @@ async function touch(site: string, to: string): Promise<void> {
   await solve();
 }
 
+/** A site and the place that it is to come to, m. */
+export interface Pull {
+  site: string;
+  pos: V3;
+}
+
 /**
  * Brings a site to a place and holds the pins meanwhile, as near as limits and locks allow; without
  * a site only the pins count. One edit.
  */
-export async function solve(pull?: { site: string; pos: V3 }): Promise<IkAnswer | undefined> {
+export async function solve(pull?: Pull): Promise<IkAnswer | undefined> {
   const d = store.doc.value;
   const q = shownPose();
   if (!d || !q) return undefined;
+  const frame = store.playhead.value;
   const pins = store.pins.value.filter((p) => p.site !== pull?.site);
   try {
     const found = await http("POST /api/ik", {
       body: { q: inRobotOrder(q), locked: [...store.locked.value], pins, ...(pull ?? {}) },
     });
+    const now = store.doc.value;
+    // What was found belongs to the pose as it was then.
+    if (now?.opened !== d.opened) return undefined;
+    if (now.rev !== d.rev) {
+      store.toast("the clip was changed meanwhile: try again");
+      return undefined;
+    }
     const changes: Record<string, number> = {};
-    (store.robot.value?.table.joints ?? []).forEach((j, i) => {
-      const at = d.clip.robot.joints.indexOf(j.name);
-      const v = found.q[i];
-      if (at >= 0 && v !== undefined && Math.abs(v - (q[at] ?? 0)) > 1e-6)
-        changes[j.name] = Math.round(v * 1e6) / 1e6;
+    inClipOrder(found.q).forEach((v, j) => {
+      const name = d.clip.robot.joints[j];
+      if (name !== undefined && Math.abs(v - (q[j] ?? 0)) > 1e-6) changes[name] = Math.round(v * 1e6) / 1e6;
     });
-    if (Object.keys(changes).length > 0) await jointMoved(changes, true);
+    if (Object.keys(changes).length > 0) await jointMoved(changes, true, frame);
     return found;
   } catch (e) {
     complain(e);

@@ -7,8 +7,9 @@ import { Icon } from "./icon";
 import { unlockedOnly } from "./locks";
 import { openMenu } from "./menu";
 import type { Op } from "./protocol";
+import { inClipOrder } from "./sites";
 import * as store from "./store";
-import { addressOf, applyOp, edit } from "./wire";
+import { addressOf, applyOp, asOne, edit } from "./wire";
 
 /** The clip's own poses, then those of the robot. */
 export function poseNames(): string[] {
@@ -24,9 +25,11 @@ export function applyPose(name: string, blend = 1, mirrored = false): void {
   const frames = store.selection.value.size ? [...store.selection.value] : [store.playhead.value];
   const ops: Op[] = [];
   const builtin = store.robot.value?.poses.find((p) => p.name === name);
-  if (!own.includes(name) && builtin) ops.push({ op: "pose.save", args: { name, q: builtin.q } });
+  if (!own.includes(name) && builtin)
+    ops.push({ op: "pose.save", args: { name, q: inClipOrder(builtin.q) } });
   ops.push({ op: "pose.apply", args: { name, frames, blend, mirrored, ...unlockedOnly() } });
-  void (ops.length === 1 && ops[0] ? applyOp(ops[0]) : edit("batch", { label: `Apply pose ${name}`, ops }));
+  const op = asOne(ops, `Apply pose ${name}`);
+  if (op) void applyOp(op);
 }
 
 export function Poses() {

@@ -1,14 +1,15 @@
 // A pose under a hand: by a slider, a typed value, a drag in the viewport, inverse kinematics.
 // While it moves the rollout follows as a preview; when it is let go there is one edit.
 
-import { type Clip, changedBy, isOf, keyAt, type Mask, newKey, prevKey, values } from "./clip";
+import { type Clip, changedBy, isOf, type Key, keyAt, type Mask, newKey, prevKey, values } from "./clip";
 import { commandedAt } from "./graph/curve";
 import { addedAt } from "./layers";
 import { unlocked } from "./locks";
 import { shapingEdit } from "./offsets";
-import type { Op } from "./protocol";
+import type { Args, Op } from "./protocol";
+import { inRobotOrder } from "./sites";
 import * as store from "./store";
-import { applyOp, ask, edit, tell } from "./wire";
+import { applyOp, ask, asOne, edit, tell } from "./wire";
 
 /** The pose at the playhead: what is commanded there; for joints that are left to the policy what is achieved,
  * within their ranges. */
@@ -62,21 +63,35 @@ function bare(clip: Clip, frame: number, changes: Record<string, number>): Recor
   return Object.fromEntries(Object.entries(changes).map(under));
 }
 
-/** The edit that gives joints these values at the playhead. */
-function poseEdit(wanted: Record<string, number>): Op | undefined {
+/** The edits that change a key's joint values. End-effector goals would overrule the values, so they become values
+ * first. */
+export function valueEdits(key: Key, args: Args<"keys.set">): Op[] {
+  const set: Op = { op: "keys.set", args };
+  return key.reach?.length ? [{ op: "keys.bake", args: { frames: [key.frame] } }, set] : [set];
+}
+
+/** The edit that gives the joints of a key these values. */
+function keyEdit(key: Key, values: Record<string, number>): Op | undefined {
+  return asOne(valueEdits(key, { frame: key.frame, values }), `Pose the key at ${key.frame}`);
+}
+
+/** Makes the edit of a pose, and says what becomes of end-effector goals. */
+async function applyPose(op: Op | undefined): Promise<boolean> {
+  if (!op) return false;
+  const done = await applyOp(op);
+  if (done && op.op === "batch")
+    store.toast("the end-effector goals of this key are joint values now; Shift+K keys a point again");
+  return done;
+}
+
+/** The edit that gives joints these values at a frame. */
+function poseEdit(wanted: Record<string, number>, frame: number): Op | undefined {
   const d = store.doc.value;
   if (!d) return undefined;
-  if (store.shaping.value) return shapingEdit(wanted);
-  const frame = store.playhead.value;
+  if (store.shaping.value) return shapingEdit(wanted, frame);
   const changes = bare(d.clip, frame, wanted);
   const key = keyAt(d.clip, frame);
-  const set: Op = { op: "keys.set", args: { frame, values: changes } };
-  // End-effector goals would overrule the values.
-  if (key?.reach?.length) {
-    const ops: Op[] = [{ op: "keys.bake", args: { frames: [frame] } }, set];
-    return { op: "batch", args: { label: `Pose the key at ${frame}`, ops } };
-  }
-  if (key) return set;
+  if (key) return keyEdit(key, changes);
   if (base?.frame !== frame || base.rev !== d.rev) base = { frame, rev: d.rev, q: barePose(d.clip, frame) };
   const q = [...base.q];
   d.clip.robot.joints.forEach((name, j) => {
@@ -89,9 +104,14 @@ function poseEdit(wanted: Record<string, number>): Op | undefined {
 /**
  * A joint is being moved by a slider or in the viewport. While it moves the rollout follows as
  * a preview; when it is let go there is one edit. With auto-key off, and off a key, it is a
- * floating pose: shown, kept, and no key until the person says so.
+ * floating pose: shown, kept, and no key until the person says so. What was asked for at another frame than the
+ * playhead's goes there.
  */
-export async function jointMoved(changes: Record<string, number>, done: boolean): Promise<void> {
+export async function jointMoved(
+  changes: Record<string, number>,
+  done: boolean,
+  frame = store.playhead.value,
+): Promise<void> {
   const d = store.doc.value;
   if (!d) return;
   if (done && Object.keys(changes).length === 0) {
@@ -99,20 +119,18 @@ export async function jointMoved(changes: Record<string, number>, done: boolean)
     endPreview();
     return tell("preview.end");
   }
-  const onKey = d.clip.keys.some((k) => k.frame === store.playhead.value);
-  if (!onKey && !store.autoKey.value && !store.shaping.value) {
-    const q = store.floating.value ?? poseAt(d.clip, store.playhead.value);
+  if (!keyAt(d.clip, frame) && !store.autoKey.value && !store.shaping.value) {
+    const q = store.floating.value ?? poseAt(d.clip, frame);
     store.floating.value = d.clip.robot.joints.map((name, j) => changes[name] ?? q[j] ?? 0);
-    tell("view.pose", { q: store.floating.value });
+    tell("view.pose", { q: inRobotOrder(store.floating.value) });
     return;
   }
-  const e = poseEdit(changes);
+  const e = poseEdit(changes, frame);
   if (!e) return;
   if (done) {
     base = undefined;
     endPreview();
-    if ((await applyOp(e)) && e.op === "batch")
-      store.toast("the end-effector goals of this key are joint values now; Shift+K keys a point again");
+    await applyPose(e);
     tell("preview.end");
   } else preview(e);
 }
@@ -185,13 +203,27 @@ export async function keyFloating(): Promise<void> {
   const frame = store.playhead.value;
   const key = keyAt(d.clip, frame);
   const own = q.map((v, j) => v - addedAt(d.clip, j, frame));
-  const changes = key && changedBy(d.clip, key, own);
+  const changes = key && changedBy(d.clip, key, unlocked(own));
   const done = !changes
-    ? await edit("keys.add", { keys: [newKey(d.clip, frame, unlocked(own))] })
-    : Object.keys(changes).length === 0 || (await edit("keys.set", { frame, values: changes }));
+    ? await addPose(frame, own)
+    : Object.keys(changes).length === 0 || (await applyPose(keyEdit(key, changes)));
   if (!done) return;
   dropFloating();
   store.selection.value = new Set([frame]);
+}
+
+/** Makes a key of the joints that are not locked, and selects it. */
+export async function addPose(frame: number, q: readonly (number | null)[]): Promise<boolean> {
+  const clip = store.doc.value?.clip;
+  if (!clip) return false;
+  const row = unlocked(q);
+  if (row.every((v) => v === null)) {
+    store.toast("all joints are locked: unlock one first");
+    return false;
+  }
+  const done = await edit("keys.add", { keys: [newKey(clip, frame, row)] });
+  if (done) store.selection.value = new Set([frame]);
+  return done;
 }
 
 export function dropFloating(): void {

@@ -12,7 +12,9 @@ import {
   replaced,
   startsAway,
 } from "./clip";
+import { fitted, fragmentOf, parseFragment } from "./clipboard";
 import { commandedAt, stretches } from "./graph/curve";
+import { type Changes, dragged } from "./graph/space";
 import { reordered, spanOf, weight } from "./layers";
 import { ANGLES, digitsOf, fixed, inUnits, LENGTHS, parseNumber } from "./numbers";
 import { patched } from "./patch";
@@ -116,6 +118,60 @@ test("a pose on a key changes its values only: open joints stay open, equal ones
   assert.deepEqual(changedBy(open, key, [1, 0, 3]), {});
   const posed = { ...clip, poses: { p: [7, 7, 7] }, keys: [{ frame: 0, pose: "p" }] };
   assert.deepEqual(changedBy(posed, posed.keys[0]!, [7, 8, 7]), { b: 8 });
+});
+
+test("a pose on a key whose goals decide sets all that it has", () => {
+  const key: Key = { frame: 20, reach: [{ site: "tip", pos: [0, 0, 0] }] };
+  assert.deepEqual(changedBy(clip, key, [1, null, 3]), { a: 1, c: 3 });
+});
+
+test("a dragged key takes over what it says nothing about from the key on which it lands", () => {
+  const c: Clip = {
+    ...clip,
+    keys: [
+      { frame: 0, q: [1, null, null], tangents: { a: 1, b: 1 } },
+      { frame: 20, q: [4, 5, null], tangents: { a: 2, b: 2 }, hold: 5 },
+    ],
+  };
+  const to = new Map([[0, 20]]);
+  const landed = (changes: Changes) => dragged(c, changes, to).keys;
+  assert.deepEqual(landed(new Map()), [{ frame: 20, q: [1, 5, null], tangents: { a: 1, b: 2 } }]);
+  assert.deepEqual(landed(new Map([[0, new Map([[0, 9]])]]))[0]?.q, [9, 5, null]);
+  assert.deepEqual(
+    dragged(c, new Map(), new Map([[0, 10]])).keys.map((k) => k.frame),
+    [10, 20],
+    "nothing is there",
+  );
+});
+
+test("keys are pasted joint by joint into a clip of another order and another robot", () => {
+  const from: Clip = {
+    ...clip,
+    robot: { id: "s", joints: ["c", "x", "a"] },
+    poses: { p: [3, 9, 1], own: [3, 9, 2] },
+    keys: [
+      { frame: 0, q: [3, 9, null], tangents: { c: 1, x: 2 } },
+      { frame: 5, pose: "p" },
+      { frame: 6, pose: "own" },
+      { frame: 7, q: [null, 9, null] },
+      { frame: 8, reach: [{ site: "tip", pos: [0, 0, 0] }] },
+      { frame: 9, reach: [{ body: "hand", pos: [0, 0, 0] }] },
+    ],
+  };
+  const into: Clip = { ...clip, poses: { p: [1, null, 3], own: [0, 0, 0] } };
+  const text = JSON.stringify(fragmentOf(from, from.keys));
+  const pasted = fitted(parseFragment(text)!, into, ["tip"]);
+  assert.deepEqual(pasted.keys, [
+    { frame: 0, q: [null, null, 3], tangents: { c: 1 } },
+    { frame: 5, pose: "p" },
+    { frame: 6, q: [2, null, 3] },
+    { frame: 8, reach: [{ site: "tip", pos: [0, 0, 0] }] },
+  ]);
+  assert.deepEqual(pasted.left, ["x", "hand"]);
+  const stranger = { ...into, robot: { id: "r", joints: ["d"] } };
+  assert.deepEqual(fitted(parseFragment(text)!, stranger, ["tip"]).keys, []);
+  assert.equal(parseFragment('{"format": "robert-command/1"}'), undefined);
+  assert.equal(parseFragment("frame,a"), undefined);
 });
 
 test("keys that others would land on are counted", () => {

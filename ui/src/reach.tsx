@@ -3,7 +3,7 @@
 import { effect, signal, useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { fixed, LENGTHS, parseNumber } from "./numbers";
-import { Pins, solve } from "./pins";
+import { Pins, type Pull, solve } from "./pins";
 import { shownPose } from "./posing";
 import { sitePlace, siteTitle, type V3 } from "./sites";
 import * as store from "./store";
@@ -56,25 +56,26 @@ function measure(): void {
   }, 40);
 }
 
-let wanted: V3 | undefined;
+/** Where a site is to go: each with its own place, because another site may be chosen before its turn comes. */
+let wanted: Pull | undefined;
 let pulling = false;
 
 /** Brings the chosen site there, as near as limits and locks allow; the newest target wins. */
 export async function pullTo(pos: V3): Promise<void> {
-  wanted = pos;
-  target.value = { site: store.site.value, pos };
+  const site = store.site.value;
+  if (site === undefined) return;
+  wanted = { site, pos };
+  target.value = wanted;
   forget();
   if (pulling) return;
   pulling = true;
   try {
-    for (let to: V3 | undefined = wanted; to; to = wanted) {
+    for (let to: Pull | undefined = wanted; to; to = wanted) {
       wanted = undefined;
-      const site = store.site.value;
-      if (site === undefined) return;
-      const found = await solve({ site, pos: to });
+      const found = await solve(to);
       if (found && found.distance_m > 1e-3)
         store.toast(
-          `${siteTitle(site)} stops ${(found.distance_m * 1000).toFixed(0)} mm short of the target: joint limits, locks or pins prevent more`,
+          `${siteTitle(to.site)} stops ${(found.distance_m * 1000).toFixed(0)} mm short of the target: joint limits, locks or pins prevent more`,
           "info",
           false,
           "reach",

@@ -6,10 +6,15 @@ import { http } from "./wire";
 export type V3 = [number, number, number];
 export type Quat = [number, number, number, number];
 
-/** Values in the robot's own order of joints, which a clip need not have. */
+/** Values of the clip's joints in the robot's own order, which a clip need not have. */
 export function inRobotOrder(q: number[]): number[] {
-  const names = store.doc.value?.clip.robot.joints ?? [];
-  return (store.robot.value?.table.joints ?? []).map((j) => q[names.indexOf(j.name)] ?? 0);
+  const places = store.order.value;
+  return places ? (store.robot.value?.table.joints ?? []).map((_, i) => q[places.indexOf(i)] ?? 0) : q;
+}
+
+/** Values in the robot's own order of joints in that of the clip. */
+export function inClipOrder(q: number[]): number[] {
+  return store.order.value?.map((i) => q[i] ?? 0) ?? q;
 }
 
 export function siteTitle(name: string): string {

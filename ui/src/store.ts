@@ -1,7 +1,7 @@
 // What the page knows. The server owns the document; signals hold the last word from it.
 
 import { computed, signal } from "@preact/signals";
-import type { Clip } from "./clip";
+import { type Clip, FPS } from "./clip";
 import { afterMs } from "./clock";
 import { fixed } from "./numbers";
 import type {
@@ -68,7 +68,8 @@ export const settings = signal<RolloutSettings>({
 });
 export const policies = signal<PolicyCard[]>([]);
 export const rollout = signal<RolloutState | undefined>(undefined);
-export const frames = signal<Frames>({ q: [], error: [] });
+/** The rollout as the server sends it: states in the robot's own order of joints. */
+export const performed = signal<Frames>({ q: [], error: [] });
 export const worker = signal<WorkerState | undefined>(undefined);
 /** Jobs by number, as the last event told. */
 export const jobs = signal<ReadonlyMap<number, JobView>>(new Map());
@@ -79,8 +80,8 @@ export const robots = signal<RobotCard[]>([]);
 export const takes = signal<TakeCard[]>([]);
 /** Takes drawn beside what is performed now; the last one also in the viewport and the strip. */
 export const compared = signal<number[]>([]);
-/** Their motions. */
-export const takeFrames = signal<ReadonlyMap<number, Frames>>(new Map());
+/** Their motions, in the robot's own order of joints. */
+export const performedTakes = signal<ReadonlyMap<number, Frames>>(new Map());
 
 /** What stands beside the timeline. */
 export const side = signal<"curves" | "rendered" | "compare" | "reference">("curves");
@@ -158,8 +159,34 @@ export function dismiss(id: number): void {
   toasts.value = toasts.value.filter((t) => t.id !== id);
 }
 
+const robotOfClip = computed(() => doc.value?.clip.robot);
+
+/** Where the joints of the clip stand in the robot's own order; undefined where both orders are one, and until
+ * the robot is known. A clip may name the joints in any order. */
+export const order = computed<number[] | undefined>(() => {
+  const own = robotOfClip.value;
+  const names = robot.value?.id === own?.id ? robot.value?.table.joints.map((j) => j.name) : undefined;
+  const places = names && own?.joints.map((name) => names.indexOf(name));
+  const same = places?.length === names?.length && places?.every((place, j) => place === j);
+  return same ? undefined : places;
+});
+
+function inOrder(f: Frames, places: number[] | undefined): Frames {
+  return places ? { ...f, q: f.q.map((q) => places.map((i) => q[i] ?? 0)) } : f;
+}
+
+/** The rollout, with states in the clip's order of joints. It may come before the robot is known, so it is turned
+ * here and not when it comes. */
+export const frames = computed(() => inOrder(performed.value, order.value));
+/** The motions of the takes that are compared, in the clip's order of joints. */
+export const takeFrames = computed<ReadonlyMap<number, Frames>>(() => {
+  const places = order.value;
+  if (!places) return performedTakes.value;
+  return new Map([...performedTakes.value].map(([id, f]) => [id, inOrder(f, places)]));
+});
+
 export const length = computed(() => doc.value?.clip.length ?? 0);
-export const fps = computed(() => doc.value?.clip.fps ?? 20);
+export const fps = computed(() => doc.value?.clip.fps ?? FPS);
 
 /** Groups with joint numbers of the clip. */
 export const groups = computed<Group[]>(() => {

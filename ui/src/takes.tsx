@@ -19,8 +19,8 @@ export function heardOfTakes(view: TakesView): void {
   told = true;
   store.takes.value = view.takes;
   store.compared.value = view.compared;
-  const wanted = new Map([...store.takeFrames.value].filter(([id]) => view.compared.includes(id)));
-  if (wanted.size !== store.takeFrames.value.size) store.takeFrames.value = wanted;
+  const wanted = new Map([...store.performedTakes.value].filter(([id]) => view.compared.includes(id)));
+  if (wanted.size !== store.performedTakes.value.size) store.performedTakes.value = wanted;
   for (const id of view.compared) if (!wanted.has(id)) void load(id);
 }
 
@@ -28,7 +28,7 @@ async function load(id: number): Promise<void> {
   try {
     const frames = await http("GET /api/takes/{id}", { at: { id } });
     if (store.compared.value.includes(id))
-      store.takeFrames.value = new Map(store.takeFrames.value).set(id, frames);
+      store.performedTakes.value = new Map(store.performedTakes.value).set(id, frames);
   } catch (e) {
     complain(e);
   }
@@ -69,12 +69,14 @@ export function compareBefore(): void {
 }
 
 function Row({ take }: { take: TakeCard }) {
-  const naming = useSignal(false);
+  /** The name as it is being typed. */
+  const text = useSignal<string | undefined>(undefined);
   const now = takeOfNow()?.id === take.id;
   const on = store.compared.value.indexOf(take.id);
-  const done = (text: string): void => {
-    naming.value = false;
-    if (text.trim() && text.trim() !== take.name) tell("take.name", { id: take.id, name: text });
+  const done = (): void => {
+    const name = text.value?.trim();
+    text.value = undefined;
+    if (name && name !== take.name) tell("take.name", { id: take.id, name });
   };
   const about = `${take.policy}, ${take.frames} frames${take.seed ? `, seed ${take.seed}` : ""}${take.clip ? `, of "${take.clip}"` : ""}${take.same_goals ? "" : "; it was measured against other goals, so its error cannot be compared"}`;
   return (
@@ -87,26 +89,24 @@ function Row({ take }: { take: TakeCard }) {
       >
         <Icon of={now ? CircleDot : on >= 0 ? Diamond : Circle} size={12} />
       </span>
-      {naming.value ? (
+      {text.value !== undefined ? (
         <input
           type="text"
           class="grow"
           aria-label={`Name of ${take.name}`}
-          value={take.name}
+          value={text.value}
+          onInput={(e) => (text.value = e.currentTarget.value)}
           ref={(e) => {
             if (e && document.activeElement !== e) {
               e.focus();
               e.select();
             }
           }}
-          onBlur={(e) => done(e.currentTarget.value)}
+          onBlur={done}
           onKeyDown={(e) => {
             e.stopPropagation();
             if (e.key === "Enter") e.currentTarget.blur();
-            if (e.key === "Escape") {
-              e.currentTarget.value = take.name;
-              e.currentTarget.blur();
-            }
+            if (e.key === "Escape") text.value = undefined;
           }}
         />
       ) : (
@@ -114,7 +114,7 @@ function Row({ take }: { take: TakeCard }) {
           class="quiet grow"
           aria-label={`Rename ${take.name}`}
           title={`${about}. Click to rename`}
-          onClick={() => (naming.value = true)}
+          onClick={() => (text.value = take.name)}
         >
           {take.name}
         </button>

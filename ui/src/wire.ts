@@ -195,6 +195,11 @@ export async function applyOp(op: Op): Promise<boolean> {
   return reply.ok;
 }
 
+/** Several edits that count as one; undefined for none. */
+export function asOne(ops: Op[], label: string): Op | undefined {
+  return ops.length < 2 ? ops[0] : { op: "batch", args: { label, ops } };
+}
+
 /** An edit by its name. */
 export function edit<Name extends Op["op"]>(op: Name, args: Args<Name>): Promise<boolean> {
   return applyOp({ op, args } as Op);

@@ -1,14 +1,15 @@
 // Keys, poses and markers: what is chosen, made, moved, copied.
 
-import { type Key, keyAt, keyEnd, newKey, nextKey, prevKey, replaced } from "../clip";
+import { type Key, keyAt, keyEnd, nextKey, prevKey, replaced } from "../clip";
+import { type Fragment, fitted, fragmentOf, parseFragment } from "../clipboard";
 import { drawing, needsSpaceAndSite, toggleDrawing } from "../draw";
 import { deletePoints, needsPoint, nudgeValue } from "../graph/edits";
 import { sheetTab } from "../layout";
-import { toggleLock, unlocked, unlockedOnly } from "../locks";
+import { toggleLock, unlockedOnly } from "../locks";
 import { menuByKey } from "../menu";
 import { deleteOffset, needsOffset } from "../offsets";
 import { needsSite, setPins, togglePin } from "../pins";
-import { barePose, cancelDrag, dropFloating, keyFloating } from "../posing";
+import { addPose, barePose, cancelDrag, dropFloating, keyFloating } from "../posing";
 import { nextSite } from "../reach";
 import * as store from "../store";
 import { timeline } from "../timeline/handle";
@@ -65,39 +66,39 @@ export function copyKeys(): Key[] {
   const c = clip();
   const chosen = c?.keys.filter((k) => store.selection.value.has(k.frame)) ?? [];
   if (!c || chosen.length === 0) return [];
-  const poses = Object.fromEntries(
-    chosen.flatMap((k) => (k.pose && c.poses?.[k.pose] ? [[k.pose, c.poses[k.pose]]] : [])),
-  );
-  // The clipboard holds a fragment of the clip format, so that it can be pasted anywhere.
-  const fragment = { format: c.format, robot: c.robot, keys: chosen, poses };
-  void navigator.clipboard?.writeText(JSON.stringify(fragment)).catch(() => undefined);
-  clipboard = chosen.map((k) => ({ ...k }));
+  clipboard = fragmentOf(c, chosen);
+  void navigator.clipboard?.writeText(JSON.stringify(clipboard)).catch(() => undefined);
   store.toast(`${chosen.length === 1 ? "key" : `${chosen.length} keys`} copied`);
   return chosen;
 }
 
-let clipboard: Key[] = [];
+/** The page's own clipboard. */
+let clipboard: Fragment | undefined;
 
 export async function paste(mirrored: boolean): Promise<void> {
-  let keys = clipboard;
+  const at = store.playhead.value;
+  let fragment = clipboard;
   try {
-    const text = await navigator.clipboard?.readText();
-    const fragment = text?.startsWith("{")
-      ? (JSON.parse(text) as { format?: string; keys?: Key[] })
-      : undefined;
-    if (fragment?.format?.startsWith("robert-clip/") && fragment.keys?.length) keys = fragment.keys;
+    fragment = parseFragment(await navigator.clipboard.readText()) ?? clipboard;
   } catch {
     // Without permission the page's own clipboard serves.
   }
-  if (keys.length === 0) return store.toast("nothing to paste");
-  const at = store.playhead.value;
+  const c = clip();
+  if (!c || !fragment) return store.toast("nothing to paste");
+  const { ik_sites = [], bodies = [] } = store.robot.value ?? {};
+  const points = [...ik_sites, ...bodies].map((p) => p.name);
+  const { keys, left } = fitted(fragment, c, points);
+  if (keys.length === 0)
+    return store.toast("nothing was pasted: the copied keys are of other joints than this clip's", "error");
   const first = Math.min(...keys.map((k) => k.frame));
   const landing = keys.map((k) => k.frame - first + at);
-  const c = clip();
-  const lost = c ? replaced(c, landing) : 0;
+  const lost = replaced(c, landing);
   if (await edit("keys.paste", { at, keys, replace: true, mirrored, ...unlockedOnly() })) {
     store.selection.value = new Set(landing);
     tellReplaced(lost);
+    const some =
+      left.length > 3 ? `${left.slice(0, 3).join(", ")} and ${left.length - 3} more` : left.join(", ");
+    if (left.length) store.toast(`left out, because this clip does not have them: ${some}`);
   }
 }
 
@@ -119,9 +120,7 @@ export function addKey(): void {
     store.announcement.value = `key at frame ${frame} selected`;
     return;
   }
-  void edit("keys.add", { keys: [newKey(c, frame, unlocked(barePose(c, frame)))] }).then((ok) => {
-    if (ok) store.selection.value = new Set([frame]);
-  });
+  void addPose(frame, barePose(c, frame));
 }
 
 export function nudge(df: number, ripple: boolean): void {

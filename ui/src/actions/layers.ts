@@ -55,14 +55,16 @@ export async function orderBlocks(own: Block, place: number): Promise<void> {
 
 /** A key that says where the chosen end effector is, in place of joint values. */
 async function keyPoint(): Promise<void> {
-  const c = clip();
+  const opened = store.doc.value?.opened;
   const site = store.site.value;
   const q = shownPose();
-  if (!c || !site || !q) return;
+  if (!site || !q) return;
+  const frame = store.playhead.value;
   try {
     const place = await sitePlace(site, q);
-    if (!place) return;
-    const frame = store.playhead.value;
+    // The key goes where the playhead was, into the clip as it is by now.
+    const c = clip();
+    if (!place || !c || store.doc.value?.opened !== opened) return;
     const grid = (v: number): number => Math.round(v * 1e6) / 1e6;
     const goal = { site, pos: place.pos.map(grid) as [number, number, number] };
     const own = keyAt(c, frame);

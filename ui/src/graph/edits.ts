@@ -3,13 +3,13 @@
 
 import { effect, signal } from "@preact/signals";
 import { type Clip, keyAt, newKey, values } from "../clip";
-import { together } from "../couplings";
+import { shares, together } from "../couplings";
 import { addedAt } from "../layers";
 import { isLocked } from "../locks";
 import { endPreview, preview } from "../posing";
 import type { Op, Tangent } from "../protocol";
 import * as store from "../store";
-import { applyOp, tell } from "../wire";
+import { applyOp, asOne, tell } from "../wire";
 import { commandedAt, passing } from "./curve";
 import type { Handle, Top } from "./handles";
 import { type Changes, nameOf, type Point, points } from "./space";
@@ -81,8 +81,7 @@ function shaping(changes: Changes, frames: number[], df: number): Op | undefined
     if (Object.keys(set).length) ops.push({ op: "keys.set", args: { frame, values: set } });
   }
   if (df !== 0 && frames.length) ops.push({ op: "keys.move", args: { frames, df, replace: true } });
-  if (ops.length < 2) return ops[0];
-  return { op: "batch", args: { label: `Shape ${frames.length} key${frames.length === 1 ? "" : "s"}`, ops } };
+  return asOne(ops, `Shape ${frames.length} key${frames.length === 1 ? "" : "s"}`);
 }
 
 /** The rollout follows the hand. */
@@ -149,11 +148,9 @@ export async function deletePoints(): Promise<void> {
       });
   }
   if (gone.length) ops.push({ op: "keys.delete", args: { frames: gone } });
-  const [first] = ops;
-  if (!first) return store.toast("select points of joints that are not locked first");
-  const label = `Delete ${own.length === 1 ? "a point" : `${own.length} points`}`;
-  if (await applyOp(ops.length === 1 ? first : { op: "batch", args: { label, ops } }))
-    choosePoints(new Set());
+  const op = asOne(ops, `Delete ${own.length === 1 ? "a point" : `${own.length} points`}`);
+  if (!op) return store.toast("select points of joints that are not locked first");
+  if (await applyOp(op)) choosePoints(new Set());
 }
 
 /** Points that keys act on: those chosen in the graph, else the chosen joint at the chosen keys. */
@@ -191,10 +188,9 @@ export async function setTangent(tangent: Tangent | null): Promise<void> {
   const frames = [...new Set(acted.filter((p) => !curved(p)).map((p) => p.frame))];
   if (ops.length && tangent !== null && frames.length)
     ops.push({ op: "fill.set", args: { frames, fill: "cubic" } });
-  const [first] = ops;
-  if (!first) return store.toast("select points of joints that are not locked first");
-  const label = `Shape the curve at ${at.length} key${at.length === 1 ? "" : "s"}`;
-  await applyOp(ops.length === 1 ? first : { op: "batch", args: { label, ops } });
+  const op = asOne(ops, `Shape the curve at ${at.length} key${at.length === 1 ? "" : "s"}`);
+  if (op) await applyOp(op);
+  else store.toast("select points of joints that are not locked first");
 }
 
 /** What a clip becomes, and the edit that makes it so; undefined for a locked joint. */
@@ -208,25 +204,24 @@ export function bent(clip: Clip, h: Handle, slope: number, both: boolean): Bent 
   const name = clip.robot.joints[h.joint];
   const own = passing(clip, h.joint, h.frame);
   if (name === undefined || !own || isLocked(name)) return undefined;
-  const secs = (v: number): number => grid(v * clip.fps);
   const other = own[h.side === "in" ? "out" : "in"]?.slope ?? slope;
-  const tangent: Tangent = both
-    ? slope === 0
-      ? "flat"
-      : secs(slope)
-    : h.side === "in"
-      ? { in: secs(slope), out: secs(other) }
-      : { in: secs(other), out: secs(slope) };
-  const joints = Object.keys(together(name, 0)).filter((n) => !isLocked(n));
-  const keys = clip.keys.map((k) =>
-    k.frame === h.frame
-      ? { ...k, tangents: { ...k.tangents, ...Object.fromEntries(joints.map((n) => [n, tangent])) } }
-      : k,
-  );
-  return {
-    clip: { ...clip, keys },
-    op: { op: "tangent.set", args: { frames: [h.frame], joints, tangent } },
+  /** Of a joint that goes so far when this one goes by one. */
+  const tangentOf = (share: number): Tangent => {
+    const secs = (v: number): number => grid(v * share * clip.fps);
+    if (both) return slope === 0 ? "flat" : secs(slope);
+    return h.side === "in" ? { in: secs(slope), out: secs(other) } : { in: secs(other), out: secs(slope) };
   };
+  const set = Object.entries(shares(name)).flatMap(([joint, share]): [string, Tangent][] =>
+    isLocked(joint) ? [] : [[joint, tangentOf(share)]],
+  );
+  const keys = clip.keys.map((k) =>
+    k.frame === h.frame ? { ...k, tangents: { ...k.tangents, ...Object.fromEntries(set) } } : k,
+  );
+  const ops = set.map(
+    ([joint, tangent]): Op => ({ op: "tangent.set", args: { frames: [h.frame], joints: [joint], tangent } }),
+  );
+  const op = asOne(ops, `Shape the curve at ${h.frame}`);
+  return op && { clip: { ...clip, keys }, op };
 }
 
 /** The offset with a larger value for a joint, moved by a number of frames. */
@@ -240,16 +235,16 @@ export function lifted(clip: Clip, t: Top, by: number, df: number): Bent | undef
   const to = Math.min(clip.length - 1, t.frame + df);
   const free = df !== 0 && !clip.offsets?.some((o) => o.frame === to);
   const add: Record<string, number> = {};
-  for (const n of Object.keys(together(name, 0))) if (!isLocked(n)) add[n] = grid((old.add[n] ?? 0) + room);
+  for (const [n, share] of Object.entries(shares(name)))
+    if (!isLocked(n)) add[n] = grid((old.add[n] ?? 0) + share * room);
   const ops: Op[] = by === 0 ? [] : [{ op: "offsets.set", args: { frame: t.frame, add } }];
   if (free) ops.push({ op: "offsets.move", args: { frames: [t.frame], df: to - t.frame } });
-  const [first] = ops;
-  if (!first) return undefined;
+  const op = asOne(ops, `Shape the motion around ${to}`);
+  if (!op) return undefined;
   const offsets = (clip.offsets ?? []).map((o) =>
     o === old ? { ...o, frame: free ? to : o.frame, add: { ...o.add, ...(by === 0 ? {} : add) } } : o,
   );
-  const label = `Shape the motion around ${to}`;
-  return { clip: { ...clip, offsets }, op: ops.length === 1 ? first : { op: "batch", args: { label, ops } } };
+  return { clip: { ...clip, offsets }, op };
 }
 
 /** Values for points, inside the ranges of their joints. */

@@ -1,6 +1,6 @@
 // Where values stand in the graph, which points are there, and what a drag makes of them. Pure.
 
-import { type Clip, type Key, values } from "../clip";
+import { type Clip, type Key, keyAt, values } from "../clip";
 import type { JointFacts } from "../protocol";
 import { type Box, frameToX, LABELS, RULER, type View } from "../timeline/layout";
 
@@ -9,6 +9,9 @@ export interface Span {
   lo: number;
   hi: number;
 }
+
+/** The least that the span covers: rad, m, or parts of a range. */
+const LEAST = 0.1;
 
 /** Room above and below the curves, pixels. */
 const EDGE = 12;
@@ -77,8 +80,7 @@ export function fitSpan(s: Space, clip: Clip, joints: number[], reached: number[
     for (const q of reached) meet(j, q[j]);
   }
   if (lo > hi) return { lo: -1, hi: 1 };
-  const least = s.normal ? 0.1 : 0.1;
-  const pad = Math.max((hi - lo) * 0.12, (least - (hi - lo)) / 2);
+  const pad = Math.max((hi - lo) * 0.12, (LEAST - (hi - lo)) / 2);
   return { lo: lo - pad, hi: hi + pad };
 }
 
@@ -122,17 +124,33 @@ export function raised(s: Space, chosen: Point[], pixels: number): Changes {
   return made;
 }
 
-/** The clip as a drag would leave it, to be drawn until it is one. */
+/** The clip as a drag would leave it, to be drawn until it is one. As with `keys.move`, a key that lands on another
+ * one takes over the joints that it says nothing about. */
 export function dragged(clip: Clip, changes: Changes, to: ReadonlyMap<number, number>): Clip {
   const landing = new Set(to.values());
-  const keys: Key[] = clip.keys
+  const keys = clip.keys
     .filter((k) => to.has(k.frame) || !landing.has(k.frame))
-    .map((k) => {
+    .map((k): Key => {
+      const frame = to.get(k.frame) ?? k.frame;
       const row = changes.get(k.frame);
-      if (!row) return { ...k, frame: to.get(k.frame) ?? k.frame };
-      const q = clip.robot.joints.map((_, j) => row.get(j) ?? values(clip, k)[j] ?? null);
+      const own = clip.robot.joints.map((_, j) => row?.get(j) ?? values(clip, k)[j] ?? null);
+      const open = own.includes(null) && !k.reach?.length && frame !== k.frame && !to.has(frame);
+      const under = open ? keyAt(clip, frame) : undefined;
+      if (!row && !under) return { ...k, frame };
       const { pose: _, ...rest } = k;
-      return { ...rest, q, frame: to.get(k.frame) ?? k.frame };
+      return under ? joined(clip, { ...rest, q: own, frame }, under) : { ...rest, q: own, frame };
     });
   return { ...clip, keys: keys.sort((a, b) => a.frame - b.frame) };
+}
+
+/** A key that has taken the place of another one: joints that it says nothing about keep their values and slopes. */
+function joined(clip: Clip, key: Key, under: Key): Key {
+  const below = values(clip, under);
+  const kept = clip.robot.joints.filter((_, j) => key.q?.[j] === null);
+  const slopes = Object.entries(under.tangents ?? {}).filter(([name]) => kept.includes(name));
+  return {
+    ...key,
+    q: clip.robot.joints.map((_, j) => key.q?.[j] ?? below[j] ?? null),
+    tangents: { ...key.tangents, ...Object.fromEntries(slopes) },
+  };
 }

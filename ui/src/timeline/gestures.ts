@@ -1,7 +1,7 @@
 // Pointer gestures of the dope sheet as one small state machine. A gesture previews locally
 // and sends one edit when it ends, so that a drag is one entry in the history. Esc cancels.
 
-import { type Clip, replaced } from "../clip";
+import { type Clip, clock, FPS, replaced } from "../clip";
 import { blocksOf } from "../layers";
 import { jointsOf, LABELS, MARKERS, ROW, RULER, STRIP, switchAt, xToFrame, yToRow, zoomAt } from "./layout";
 import type { Sheet } from "./sheet";
@@ -153,12 +153,13 @@ export class Gestures {
     return { copy: e.altKey, ripple: e.shiftKey && !e.altKey };
   }
 
-  /** The length that a drag of the clip's end asks for: no key and no marker falls out of it. */
+  /** The length that a drag of the clip's end asks for: no key, offset or marker falls out of it. */
   private lengthAt(x: number): number {
     const clip = this.sheet.clip();
     const last = Math.max(
       1,
       ...(clip?.keys ?? []).map((k) => k.frame),
+      ...(clip?.offsets ?? []).map((o) => o.frame),
       ...(clip?.markers ?? []).map((m) => m.frame),
     );
     return Math.max(last + 1, Math.round(xToFrame(this.sheet.view(), x)));
@@ -255,12 +256,12 @@ export class Gestures {
     if (press.kind === "end") {
       const length = this.lengthAt(x);
       sheet.previewEnd(length);
-      sheet.hint(`length ${length} frames, ${(length / (sheet.clip()?.fps ?? 20)).toFixed(2)} s`);
+      sheet.hint(`length ${length} frames, ${clock(length, sheet.clip()?.fps ?? FPS)}`);
     }
     if (press.kind === "offset") {
       const at = this.offsetTo(press, x);
       sheet.previewOffset({ frame: press.frame, at });
-      sheet.hint(`offset to ${(at / (sheet.clip()?.fps ?? 20)).toFixed(2)} s`);
+      sheet.hint(`offset to ${clock(at, sheet.clip()?.fps ?? FPS)}`);
       const df = at - press.frame;
       if (df === 0) sheet.follow();
       else sheet.follow({ op: "offsets.move", args: { frames: [press.frame], df } });
