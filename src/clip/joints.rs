@@ -42,6 +42,9 @@ pub struct JointFacts {
     /// Speed that 99 of 100 of those frames stay below, rad/s or m/s.
     #[serde(default)]
     pub speed_usual: Option<f64>,
+    /// Whether no motor moves this joint together with others, but for those of its couplings.
+    #[serde(default)]
+    pub moves_alone: bool,
 }
 
 /// One row of a mirror table: `mirrored[target] = sign * q[source] + offset`.
@@ -136,6 +139,7 @@ impl JointTable {
             speed_max: None,
             band: None,
             speed_usual: None,
+            moves_alone: false,
         };
         JointTable {
             robot: clip.robot.id.clone(),
@@ -262,6 +266,7 @@ mod tests {
             speed_max: None,
             band: None,
             speed_usual: None,
+            moves_alone: true,
         };
         let row =
             |j: &str, sign, offset| MirrorRow { target: j.into(), source: j.into(), sign, offset };
@@ -323,6 +328,7 @@ mod tests {
             speed_max: None,
             band: None,
             speed_usual: None,
+            moves_alone: true,
         };
         for q in [-9.0, 9.0] {
             let c = j.clamp(q);

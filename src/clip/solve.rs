@@ -35,6 +35,9 @@ const ITERATIONS: u32 = 40;
 /// them.
 const WORK: usize = 2_000_000;
 
+/// Searches from elsewhere for a goal that seems out of reach.
+const RESTARTS: u32 = 8;
+
 /// Iterations of each search after that work is used up. A path is still followed from frame to
 /// frame.
 const LATE_ITERATIONS: u32 = 4;
@@ -178,12 +181,12 @@ impl<'a> Solver<'a> {
                     // The key is the last frame of the way to it.
                     let last = self.along(&path, from);
                     let near = drawn(&last, &posture);
-                    self.search(&[&last], &near, &targets(&key.reach))
+                    self.search(&[&last], &near, &targets(&key.reach), RESTARTS)
                 } else {
                     // If the motion so far leads nowhere: the posture, and the start of the clip.
                     let start = before.as_ref().unwrap_or(&posture);
                     let starts = [start.as_slice(), &posture, &self.rest];
-                    self.search(&starts, &posture, &targets(&key.reach))
+                    self.search(&starts, &posture, &targets(&key.reach), RESTARTS)
                 };
                 // Joints that do not move the points have the posture's values.
                 for at in self.to_state.iter().flatten() {
@@ -224,11 +227,14 @@ impl<'a> Solver<'a> {
             .filter_map(|(j, at)| at.map(|at| (j, at)))
             .collect();
         let mut worst: Option<(u32, Vec<Reach>, IkResult)> = None;
+        let mut restarts = RESTARTS;
         for frame in path.first..path.last {
             let goals = path.goals(frame);
             // On its way a point does not jump to another solution.
             let near = drawn(&state, &self.posture(frame));
-            let found = self.search(&[&state], &near, &targets(&goals));
+            let found = self.search(&[&state], &near, &targets(&goals), restarts);
+            // Where a goal is out of reach, the next one probably is, too.
+            restarts = if found.reached { RESTARTS } else { 0 };
             let values = moved.iter().map(|&(j, at)| (j, found.state[at])).collect();
             self.found.frames.push((frame, values));
             state.clone_from(&found.state);
@@ -243,8 +249,14 @@ impl<'a> Solver<'a> {
         state
     }
 
-    /// Searches from each of these starts in turn, until one search reaches the goals.
-    fn search(&self, starts: &[&[f64]], posture: &[f64], targets: &[Target]) -> IkResult {
+    /// Searches from each of these starts in turn, until one search reaches the goals; at last from elsewhere.
+    fn search(
+        &self,
+        starts: &[&[f64]],
+        posture: &[f64],
+        targets: &[Target],
+        restarts: u32,
+    ) -> IkResult {
         let spent = self.left.get() == 0;
         let config = IkConfig {
             near: Some(posture.to_vec()),
@@ -254,7 +266,11 @@ impl<'a> Solver<'a> {
             ..IkConfig::default()
         };
         let mut best: Option<IkResult> = None;
-        for start in starts.iter().take(if spent { 1 } else { starts.len() }) {
+        let starts = &starts[..if spent { 1 } else { starts.len() }];
+        for (i, start) in starts.iter().enumerate() {
+            let is_last = i + 1 == starts.len() && !spent;
+            let config =
+                IkConfig { restarts: if is_last { restarts } else { 0 }, ..config.clone() };
             // All points were found before the search.
             let Ok(found) = self.tree.ik(start, targets, &config) else { continue };
             let work = found.iterations as usize * (20 + self.tree.joints.len());

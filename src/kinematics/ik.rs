@@ -93,6 +93,44 @@ impl Kinematics {
         pairs: &[(Point, Point)],
         config: &IkConfig,
     ) -> Result<IkResult, UnknownPoint> {
+        let mut best = self.ik_from(start, targets, pairs, config)?;
+        for restart in 0..config.restarts {
+            if best.reached {
+                break;
+            }
+            let elsewhere = self.elsewhere(start, restart, config);
+            let found = self.ik_from(&elsewhere, targets, pairs, config)?;
+            let used = best.iterations + found.iterations;
+            // A solution that is as far off would only be a jump.
+            if found.reached {
+                best = found;
+            }
+            best.iterations = used;
+        }
+        Ok(best)
+    }
+
+    /// A place to search from, farther from `start` with every second restart: part of the way to random values
+    /// within the ranges.
+    fn elsewhere(&self, start: &[f64], restart: u32, config: &IkConfig) -> Vec<f64> {
+        let share = 0.15 * f64::from(1 + restart / 2);
+        let mut state = start.to_vec();
+        for i in self.free_joints(config) {
+            let [lo, hi] = self.joints[i].range.unwrap_or([start[i] - 1.5, start[i] + 1.5]);
+            let goal = lo + (hi - lo) * fraction(u64::from(restart) << 32 | i as u64);
+            state[i] += share.min(1.0) * (goal - state[i]);
+        }
+        state
+    }
+
+    /// One search.
+    fn ik_from(
+        &self,
+        start: &[f64],
+        targets: &[Target],
+        pairs: &[(Point, Point)],
+        config: &IkConfig,
+    ) -> Result<IkResult, UnknownPoint> {
         let mut pulls = targets.iter().map(|t| self.pull(t)).collect::<Result<Vec<_>, _>>()?;
         for (a, b) in pairs {
             let (id, goal) = (self.point(a)?, Goal::Point(self.point(b)?));
@@ -156,4 +194,12 @@ impl Kinematics {
     fn reaches(&self, joint: usize, id: &PointId) -> bool {
         self.columns(joint).any(|(i, _)| self.moves(i, id))
     }
+}
+
+/// A number from 0 to 1 that looks random, the same on every machine: splitmix64 (Steele, Lea and Flood 2014).
+fn fraction(seed: u64) -> f64 {
+    let mut z = seed.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
 }

@@ -32,8 +32,11 @@ pub struct IkConfig {
     pub locked: Vec<usize>,
     /// The posture near which the solution should be; `None` = near the start. (joints)
     pub near: Option<Vec<f64>>,
-    /// Greatest number of iterations.
+    /// Greatest number of iterations of one search.
     pub iterations: u32,
+    /// Searches from elsewhere if the first reaches no solution. A stretched leg, or a joint at its stop, can keep a
+    /// search where it began although the goal is within reach.
+    pub restarts: u32,
     /// Distance that counts as reached, m.
     pub tolerance_m: f64,
     /// Weight of a radian of orientation error in metres.
@@ -49,6 +52,7 @@ impl Default for IkConfig {
             locked: Vec::new(),
             near: None,
             iterations: 100,
+            restarts: 0,
             tolerance_m: 1e-4,
             rad_in_m: 0.1,
             step_limit: 0.3,

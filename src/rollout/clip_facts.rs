@@ -5,7 +5,7 @@
 
 use robert_clip as clip;
 use robert_mujoco::{Data, Kind};
-use robert_robot::{Coupling, Robot};
+use robert_robot::{Coupling, Drive, Robot};
 
 /// Geoms that overlap by more than this count as a collision, m.
 const OVERLAP: f64 = 0.002;
@@ -32,6 +32,14 @@ pub trait ClipFacts {
 impl ClipFacts for Robot {
     fn joint_table(&self) -> clip::JointTable {
         let profile = self.profile();
+        let own = |drive: &Drive, joint: &str| matches!(drive, Drive::Joint(name) if name == joint);
+        let pulls = |drive: &Drive, joint: &str| matches!(drive, Drive::Tendon(name) if self.tendon_joints(name).contains(&joint));
+        // Which joints a spatial tendon moves is not known here.
+        let spatial = self.actuators().iter().any(|a| match &a.drive {
+            Drive::Joint(_) => false,
+            Drive::Tendon(name) => self.tendon_joints(name).is_empty(),
+            Drive::Other(_) => true,
+        });
         let joints = self.joints().iter().map(|j| clip::JointFacts {
             name: j.name.clone(),
             unit: j.unit,
@@ -39,6 +47,8 @@ impl ClipFacts for Robot {
             speed_max: (j.top_speed.is_finite() && j.top_speed > 0.0).then_some(j.top_speed),
             band: None,
             speed_usual: None,
+            moves_alone: self.actuators().iter().any(|a| own(&a.drive, &j.name))
+                || !spatial && !self.actuators().iter().any(|a| pulls(&a.drive, &j.name)),
         });
         let rows = profile.mirror.table.iter().map(|r| clip::MirrorRow {
             target: r.target.clone(),

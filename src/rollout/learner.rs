@@ -10,7 +10,7 @@ use super::detour;
 use super::error::Error;
 use super::ilc::Repeats;
 use super::jam::{self, Off};
-use super::natural::{counted, unnatural};
+use super::natural::{counted, unnatural, unnatural_but_for_jolts};
 use super::planned::{self, Planned};
 use super::policy_config::PolicyConfig;
 use super::run::Rollout;
@@ -41,6 +41,8 @@ struct Own {
     score: f64,
     /// The part of the score that is the penalty for unnatural motion in gaps.
     gaps: f64,
+    /// The same, with little for jerk.
+    but_for_jolts: f64,
     /// Whether it is as natural in gaps as the contenders'.
     natural: bool,
 }
@@ -213,8 +215,12 @@ impl Learner {
             far_nearer(own.score, lead.least)
                 || far_nearer(own.score - own.gaps, lead.least - counted(lead.gaps))
         };
-        let gains =
-            |own: &&Own| own.score < (1.0 - share) * lead.least && (own.natural || nearer(own));
+        let gains = |own: &&Own| {
+            let error = own.score - own.gaps;
+            let worth_a_jolt = far_nearer(error, lead.least - counted(lead.gaps))
+                && error + own.but_for_jolts < (1.0 - share) * lead.least;
+            worth_a_jolt || own.score < (1.0 - share) * lead.least && (own.natural || nearer(own))
+        };
         let found = self.own.iter().filter(|_| falls_short(lead)).filter(gains);
         found.min_by(|a, b| a.score.total_cmp(&b.score))
     }
@@ -325,7 +331,8 @@ impl Learner {
         let score = self.lead().judge().score(&motion)?;
         let gaps = unnatural(&motion);
         let natural = gaps <= self.natural;
-        Some(Own { at, motion, score, gaps: counted(gaps), natural })
+        let but_for_jolts = counted(unnatural_but_for_jolts(&motion));
+        Some(Own { at, motion, score, gaps: counted(gaps), but_for_jolts, natural })
     }
 
     /// Begins to search; false if every joint arrives by now, or the planner's own motion is nearer by so

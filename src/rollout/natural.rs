@@ -25,6 +25,9 @@ const RESTLESS: f64 = 0.1;
 /// the minimum. Motion counts as smooth up to a jerk of 3; what is chosen should stay a little below.
 const LONGEST_PATH: f64 = 1.3;
 const MOST_JERK: f64 = 2.9;
+/// The largest penalty for jerk where a motion is far nearer to the goals, rad or m. Over a long gap the least jerk
+/// is so small that one touch is hundreds of times as much.
+const MOST_JOLT: f64 = 0.02;
 /// The largest penalty that counts, rad or m. Where every policy shakes, more must not outweigh the
 /// distance to the goals.
 const MOST_PENALTY: f64 = 0.1;
@@ -37,10 +40,23 @@ pub(super) fn unnatural(rollout: &Rollout) -> f64 {
 
 /// As [`unnatural`], of the frames before `end`.
 pub(super) fn unnatural_until(rollout: &Rollout, end: usize) -> f64 {
+    let (other, jolts) = measured(rollout, end);
+    other + jolts
+}
+
+/// As [`unnatural`], with no more for jerk than [`MOST_JOLT`].
+pub(super) fn unnatural_but_for_jolts(rollout: &Rollout) -> f64 {
+    let (other, jolts) = measured(rollout, rollout.frames());
+    other + jolts.min(MOST_JOLT)
+}
+
+/// The penalty of the frames before `end` without that for jerk, and that for jerk.
+fn measured(rollout: &Rollout, end: usize) -> (f64, f64) {
     let (goals, states) = (rollout.goals(), rollout.states());
     let states = &states[..((HISTORY + end) * goals.dim()).min(states.len())];
     let way = farthest(&free(rollout.robot(), goals), goals.dim(), states);
-    penalty(goals, states) + SWING_WEIGHT * (way - FREE).max(0.0)
+    let (other, jolts) = penalties(goals, states);
+    (other + SWING_WEIGHT * (way - FREE).max(0.0), jolts)
 }
 
 /// The joints without goals that only their motor moves: no other joint of a tendon or of a pair of
@@ -84,16 +100,20 @@ fn farthest(joints: &[usize], dim: usize, states: &[f64]) -> f64 {
 /// mean over frames a key of one frame hardly counts, but a person sees that it is missed, as well as an
 /// overshoot by as much.
 pub(super) fn penalty(goals: &Goals, states: &[f64]) -> f64 {
+    let (other, jolts) = penalties(goals, states);
+    other + jolts
+}
+
+/// The [`penalty`] without that for jerk, and that for jerk.
+fn penalties(goals: &Goals, states: &[f64]) -> (f64, f64) {
     let gap = GapFigures::measure(goals, states, &names(goals)).unwrap_or_default();
     let swing = gap.overshoot.map_or(0.0, |o| o.value);
     let detour = gap.path.map_or(0.0, |p| (p - LONGEST_PATH).max(0.0));
     let jolts = gap.jerk.map_or(0.0, |j| (j - MOST_JERK).max(0.0));
     let missed = (worst_frame(goals, states) - jam::FAR).max(0.0);
     let restless = holds::restlessness(goals, states);
-    SWING_WEIGHT * (swing + missed)
-        + PATH_WEIGHT * detour
-        + JERK_WEIGHT * jolts
-        + RESTLESS_WEIGHT * restless
+    let other = SWING_WEIGHT * (swing + missed) + PATH_WEIGHT * detour + RESTLESS_WEIGHT * restless;
+    (other, JERK_WEIGHT * jolts)
 }
 
 /// The error of the frame that is farthest from its goals, in the mean over its joints, rad or m.

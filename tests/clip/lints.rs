@@ -11,6 +11,7 @@ fn table() -> JointTable {
         speed_max: Some(2.0),
         band: None,
         speed_usual: None,
+        moves_alone: true,
     };
     JointTable {
         robot: "hand".into(),

@@ -1,8 +1,9 @@
 //! Rule: the robot reaches the poses without touching itself.
 
-use crate::joints::Coupling;
+use crate::joints::{Coupling, JointFacts};
 use crate::lint::finder::{Finder, Place, some_of};
 use crate::lint::finding::{Fix, Level, Lint, PoseChecker, Rule, SettledPose};
+use robert_kinematics::Loops;
 
 /// The number of keys for some joints only that are simulated; each takes about a hundredth of a second.
 const LED: usize = 500;
@@ -12,10 +13,14 @@ impl Finder<'_> {
         let joints = &self.clip.robot.joints;
         let mut lints = Vec::new();
         let mut led = 0;
+        let together = self.together();
         for place in self.places() {
             // Joints that are left free are simulated where the goals around the key lead them.
             let whole = self.with_followers(place.row);
             let is_whole = whole.is_some();
+            if !is_whole && !self.is_led(place.row, &together) {
+                continue;
+            }
             led += usize::from(!is_whole);
             let free = || (led <= LED).then(|| self.led(&place)).flatten();
             let Some(q) = whole.or_else(free) else { continue };
@@ -81,6 +86,33 @@ impl Finder<'_> {
         for lint in lints {
             self.push(lint);
         }
+    }
+
+    /// Whether goals around a key lead the joints that it leaves free. Joints that move along with those that the key
+    /// asks for do not: by a tendon, in a closed loop, or by something else than a motor of their own, they go where
+    /// these need them.
+    fn is_led(&self, row: &[Option<f64>], together: &[Vec<&String>]) -> bool {
+        let has = |joint: &str| {
+            self.clip.joint(joint).is_some_and(|at| row.get(at).is_some_and(Option::is_some))
+        };
+        let split = |group: &Vec<&String>| {
+            let asked = group.iter().filter(|j| has(j)).count();
+            asked > 0 && asked < group.len()
+        };
+        let alone = |fact: &JointFacts| !together.iter().any(|group| group.contains(&&fact.name));
+        let is_odd = |fact: &JointFacts| !fact.moves_alone && !has(&fact.name) && alone(fact);
+        !together.iter().any(split) && !self.table.joints.iter().any(is_odd)
+    }
+
+    /// Joints that move together, as far as the table says: those of each closed loop, and those of each coupling.
+    fn together(&self) -> Vec<Vec<&String>> {
+        let name = |at: &usize| self.table.joints.get(*at).map(|fact| &fact.name);
+        let loops = self.table.kinematics.as_ref().map(|tree| Loops::new(tree).joints());
+        let loops = loops.into_iter().flatten();
+        let loops = loops.map(|joints| joints.iter().filter_map(name).collect());
+        let couplings = self.table.couplings.iter();
+        let couplings = couplings.map(|c| c.members.iter().map(|m| &m.joint).collect());
+        loops.chain(couplings).collect()
     }
 
     /// The row of a key with joints that it leaves free on their line between other goals; `None` for a pose that no

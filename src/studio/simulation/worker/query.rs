@@ -143,6 +143,9 @@ pub(crate) fn transforms(
 }
 
 /// Inverse kinematics.
+/// Searches from elsewhere while a point is dragged; few, because each answer is waited for.
+const RESTARTS: u32 = 2;
+
 pub(crate) fn ik(
     robot: &Robot,
     data: &mut Data,
@@ -165,7 +168,7 @@ pub(crate) fn ik(
             (None, None) => {}
         }
     }
-    let config = IkConfig { locked, ..IkConfig::default() };
+    let config = IkConfig { locked, restarts: RESTARTS, ..IkConfig::default() };
     let found = robot.ik_meeting(data, &request.q, &targets, &pairs, &config)?;
     data.forward()?;
     let at = |name: &str| -> Result<V3, robot::Error> {
