@@ -13,6 +13,15 @@ use super::{motion, out, output};
 use crate::dataset::{self, Dataset, Verify};
 use crate::rollout::{InverseSettings, NEAREST_FRAMES};
 use crate::train::{self, fit, fit::HIDDEN};
+use crate::units::count;
+
+/// Frames that `nearest` can search.
+fn nearest_frames(text: &str) -> Result<u64, String> {
+    match count(text)? {
+        n if (51..=20_000_000).contains(&n) => Ok(n),
+        n => Err(format!("{n} is not in 51..=20000000")),
+    }
+}
 
 #[derive(clap::Args, Debug)]
 #[command(
@@ -35,7 +44,7 @@ pub(super) struct Args {
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// nearest: the most frames to search, in whole trajectories, evenly spread.
-    #[arg(long, default_value_t = NEAREST_FRAMES as u64, value_parser = clap::value_parser!(u64).range(51..=20_000_000))]
+    #[arg(long, default_value_t = NEAREST_FRAMES as u64, value_parser = nearest_frames)]
     frames: u64,
     /// mlp-inverse: training steps.
     #[arg(long, default_value_t = InverseSettings::default().steps, value_parser = clap::value_parser!(u64).range(1..=10_000_000))]

@@ -179,5 +179,5 @@ fn print(r: &Report) -> Outcome {
             out::line(&format!("  {what}  {item}"))?;
         }
     }
-    out::line(&format!("use it:  robert robots show {}", r.folder.display()))
+    out::line(&format!("use it:  robert robots show {}", out::word(&r.folder)))
 }

@@ -21,7 +21,7 @@ use super::interrupt::cancel_on_ctrl_c;
 use super::{motion, out};
 use crate::clip::compile;
 use crate::dataset::{Dataset, Verify};
-use crate::explore::{CollectConfig, collect};
+use crate::explore::{CollectConfig, begun, collect};
 use crate::fsio;
 use crate::net::checkpoint;
 use crate::progress::{Cancel, Silent};
@@ -61,6 +61,9 @@ const FAR: f64 = 0.1;
 /// The number of evaluations in a row without improvement after which training ends.
 const PATIENCE: u64 = 3;
 
+/// Frames of random motion, if no other number is given.
+const TRANSITIONS: u64 = 200_000;
+
 /// As many frames as a fit needs.
 fn transitions(text: &str) -> Result<u64, String> {
     const LEAST: u64 = 10_000;
@@ -83,8 +86,9 @@ pub(super) struct Args {
     #[command(flatten)]
     model: ModelFlags,
     /// Frames of random motion to collect, at least 10k; written as 200000, 200k or 2.5M.
-    #[arg(long, default_value = "200k", value_parser = transitions)]
-    transitions: u64,
+    /// [default: 200k, or as many as the folder was begun with]
+    #[arg(long, value_parser = transitions)]
+    transitions: Option<u64>,
     /// Minutes of training on this machine; 0 stops at `ridge`.
     #[arg(long, default_value_t = 8.0)]
     minutes: f64,
@@ -142,7 +146,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         same_source(args)?;
         say(&format!("1 import: {} is there", args.out.display()));
     } else if args.file.join(PROFILE_FILE).is_file() {
-        let folder = args.file.display();
+        let folder = out::word(&args.file);
         return Err(Failure::usage(format!(
             "{folder} is the folder of an imported robot, and its policy is trained there: robert new {folder} --out {folder}"
         )));
@@ -160,13 +164,14 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     }
     let robot = Arc::new(Robot::from_folder(&args.out)?);
 
+    let before = begun(&places.data)?.map(|begun| begun.config.transitions);
     let config = CollectConfig {
-        transitions: args.transitions,
+        transitions: args.transitions.or(before).unwrap_or(TRANSITIONS),
         seed: args.seed,
         ..CollectConfig::new(&robot)
     };
     let who: Vec<&str> = config.agents.iter().map(|a| a.name()).collect();
-    say(&format!("2 collect: {} frames by {}", args.transitions, who.join(", ")));
+    say(&format!("2 collect: {} frames by {}", config.transitions, who.join(", ")));
     let bar = Bar::new("collect", "steps", global.quiet);
     let resume = places.data.exists();
     let collected = collect(&robot, &config, &places.data, resume, threads, &bar, &cancel);
@@ -206,7 +211,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let instant_secs = since();
     say(&format!(
         "  usable after {instant_secs:.0} s: robert studio --robot {}",
-        args.out.display()
+        out::word(&args.out)
     ));
 
     // A network of an earlier run in this folder counts, too.
@@ -550,7 +555,7 @@ fn report(
     out::line(&format!(
         "usable after {instant_secs:.0} s, done after {total_secs:.0} s; {kept} is kept as the robot's own policy, and `auto`, the default, compares it with others on each clip"
     ))?;
-    out::line(&format!("draft with it:  robert studio --robot {}", args.out.display()))
+    out::line(&format!("draft with it:  robert studio --robot {}", out::word(&args.out)))
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Results on stdout: one JSON document, or a table for people.
 
 use std::io::{self, Write};
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use comfy_table::{CellAlignment, ContentArrangement, LineStyle, Table, TableStyle};
@@ -21,6 +22,12 @@ pub(super) fn in_lines() {
 /// Whether results and progress are JSON lines.
 pub(super) fn is_in_lines() -> bool {
     LINES.load(Ordering::Relaxed)
+}
+
+/// A path as a word for the shell, in quotes where it needs them.
+pub(super) fn word(path: &Path) -> String {
+    let text = path.to_string_lossy();
+    shlex::try_quote(&text).map_or_else(|_| text.to_string(), std::borrow::Cow::into_owned)
 }
 
 /// Prints one event of `--jsonl`.

@@ -78,6 +78,14 @@ pub(super) fn state_joints(model: &Model, path: &Path) -> Result<Vec<usize>, Err
     Ok((0..n).collect())
 }
 
+/// A sentence about keyframes that become no poses, if there are any.
+pub(super) fn poses_left_out(model: &Model) -> Option<String> {
+    let all = keys(model);
+    (all > MOST_POSES).then(|| {
+        format!("the first {MOST_POSES} of {all} keyframes become poses; the others are left out")
+    })
+}
+
 /// The profile that the model alone implies.
 ///
 /// # Errors

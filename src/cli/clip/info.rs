@@ -21,6 +21,9 @@ pub(super) struct Info {
     /// Print JSON.
     #[arg(long)]
     json: bool,
+    /// The robot, for end-effector goals and joints that follow others [default: the clip's own, if it is built in].
+    #[arg(long, value_name = "ID|DIR")]
+    robot: Option<String>,
 }
 
 #[derive(Serialize)]
@@ -47,7 +50,7 @@ struct Facts {
 
 pub(super) fn info(a: &Info) -> Outcome {
     let clip = super::files::load(&a.clip)?.clip;
-    let command = super::files::compiled(&clip, None)?;
+    let command = super::files::compiled(&clip, a.robot.as_deref())?;
     let full = command.full_frames();
     let partial = (0..command.frames()).filter(|t| command.sight(*t) == Sight::Partial).count();
     let facts = Facts {
@@ -117,6 +120,9 @@ pub(super) struct Diff {
     /// Exit with 4 if they differ.
     #[arg(long)]
     exit_code: bool,
+    /// The robot, for end-effector goals and joints that follow others [default: the clip's own, if it is built in].
+    #[arg(long, value_name = "ID|DIR")]
+    robot: Option<String>,
 }
 
 pub(super) fn diff(a: &Diff) -> Outcome {
@@ -124,7 +130,8 @@ pub(super) fn diff(a: &Diff) -> Outcome {
         return Err(Failure::usage("both clips cannot come from stdin"));
     }
     let (old, new) = (super::files::load(&a.old)?.clip, super::files::load(&a.new)?.clip);
-    let (was, is) = (super::files::compiled(&old, None)?, super::files::compiled(&new, None)?);
+    let compiled = |clip| super::files::compiled(clip, a.robot.as_deref());
+    let (was, is) = (compiled(&old)?, compiled(&new)?);
     let patch = Delta::between(&old, &new);
     let foreign = Foreign::between(&old, &new);
     let first = is.first_changed_frame(&was);

@@ -28,6 +28,9 @@ pub(super) struct Join {
     /// Overwrite an existing file.
     #[arg(long)]
     force: bool,
+    /// The robot, for end-effector goals and joints that follow others [default: the clip's own, if it is built in].
+    #[arg(long, value_name = "ID|DIR")]
+    robot: Option<String>,
 }
 
 pub(super) fn run(a: &Join) -> Outcome {
@@ -38,7 +41,7 @@ pub(super) fn run(a: &Join) -> Outcome {
         joined = Some(match joined {
             None => first(clip, name),
             Some(whole) => {
-                let robot = super::files::robot_of(&whole, None)?;
+                let robot = super::files::robot_of(&whole, a.robot.as_deref())?;
                 let table = super::files::joint_table(&whole, robot.as_ref());
                 let (at, part) = (whole.length, Part::of(&clip));
                 let op = Op::BlocksInsert(BlocksInsert { at, name, part, blend: a.blend });

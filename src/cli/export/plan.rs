@@ -147,15 +147,20 @@ impl Plan<'_> {
             ),
             Format::Mjcf => {
                 let keys = take.to_mjcf(what)?;
-                let text = if self.args.with_model {
-                    motion::with_model(source.robot()?, &keys)?
+                let (text, open) = if self.args.with_model {
+                    let open = format!("python -m mujoco.viewer --mjcf={out}");
+                    (motion::with_model(source.robot()?, &keys)?, open)
                 } else {
-                    keys
+                    // Keyframes alone have no bodies to show.
+                    let robot = &source.robot()?;
+                    let open =
+                        format!("robert clip convert {out} again.clip.json --robot {}", robot.id());
+                    (keys, open)
                 };
                 (
                     text.into_bytes(),
                     "A key a frame: qpos and qvel of the simulator, controls in N m or N.",
-                    format!("python -m mujoco.viewer --mjcf={out}"),
+                    open,
                 )
             }
             Format::Viser => (

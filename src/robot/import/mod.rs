@@ -90,6 +90,9 @@ pub fn import(config: &ImportConfig) -> Result<Report, Error> {
         .map_err(write)?;
     let (model, xml) = settle_draft(&mut draft, &project, config, temp.path())?;
     plausible::check(&mut draft, &model)?;
+    if let Some(left) = derive::poses_left_out(&model) {
+        draft.warnings.push(left);
+    }
     degrees::check(&mut draft, &model, project.format);
     let profile = describe(&mut draft, &model, &id, config)?;
     write_files(temp.path(), &xml, &draft.assets, &profile)?;

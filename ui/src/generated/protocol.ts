@@ -937,6 +937,8 @@ export interface JointAxis {
 export interface JointFacts {
   /** The range of 98 of 100 frames of the data that the robot's policy learned from, rad or m. */
   band: [number, number] | null;
+  /** Whether no motor moves this joint together with others, but for those of its couplings. */
+  moves_alone: boolean;
   /** Its name. */
   name: string;
   /** Lowest and highest position, rad or m; null = unbounded. */
