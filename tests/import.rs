@@ -4,7 +4,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use robert::clip::{Clip, Fill, Goal, Key, RobotRef, compile_for};
+use robert::clip::{Clip, Fill, Goal, Key, Reach, RobotRef, compile_for};
 use robert::mujoco::{Data, Kind, Model};
 use robert::robot::import::{ImportConfig, mark, mark_in};
 use robert::robot::{Coupling, IkConfig, Point, Robot, Target};
@@ -532,6 +532,59 @@ fn actuators_with_dynamics_go_last_and_have_their_own_strength() {
     let bot = Robot::from_folder(&ran.path("bot")).unwrap();
     let found: Vec<_> = bot.actuators().iter().map(|a| (a.name.as_str(), a.ctrlrange)).collect();
     assert_eq!(found, [("t", [-3.0, 3.0]), ("c", [-15.0, 20.0]), ("m", [-25.0, 25.0])]);
+}
+
+#[test]
+fn nameless_actuators_of_one_joint_get_different_names_and_dampers_go() {
+    let xml = "<mujoco><worldbody><body><joint name='j' axis='0 1 0' damping='1'/><geom size='.1' mass='1'/></body></worldbody>
+        <actuator><motor joint='j' ctrlrange='-1 1' ctrllimited='true'/><damper joint='j' kv='5' ctrlrange='0 1'/>
+        <general joint='j' dyntype='filter' dynprm='.05' gainprm='3' ctrlrange='-1 1' ctrllimited='true'/></actuator></mujoco>";
+    let ran =
+        robert().file("a.xml", xml).args(["import", "a.xml", "--out", "a", "--json"]).succeeds();
+    let report: serde_json::Value = ran.json();
+    assert_eq!(report["action_dim"], 2);
+    assert!(notes(&report, "dropped").contains("a damper only brakes"), "{report}");
+    let robot = Robot::from_folder(&ran.path("a")).unwrap();
+    let names: Vec<&str> = robot.actuators().iter().map(|a| a.name.as_str()).collect();
+    assert_eq!(names, ["j", "j_2"]);
+}
+
+#[test]
+fn a_stretched_leg_at_its_stop_bends() {
+    // Two links in a line; the knee bends one way only, and its stop is where it is straight.
+    let link = |name: &str, range: &str, inside: &str| {
+        format!(
+            "<body name='{name}' pos='0 0 -.4'><joint name='{name}' axis='0 1 0' range='{range}'/>\
+             <geom type='capsule' fromto='0 0 0 0 0 -.4' size='.04'/>{inside}</body>"
+        )
+    };
+    let knee = link("knee", "0 150", "<site name='sole' pos='0 0 -.4'/>");
+    let motor =
+        |j: &str| format!("<motor name='{j}' joint='{j}' ctrlrange='-99 99' ctrllimited='true'/>");
+    let leg = format!(
+        "<mujoco><compiler autolimits='true'/><worldbody>{}</worldbody><actuator>{}{}</actuator></mujoco>",
+        link("hip", "-90 90", &knee),
+        motor("hip"),
+        motor("knee")
+    );
+    let ran = robert().file("leg.xml", leg).args(["import", "leg.xml", "--out", "leg"]).succeeds();
+    let robot = Robot::from_folder(&ran.path("leg")).unwrap();
+    let (tree, start) = (robot.kinematics(), robot.home());
+    let sole = Point::Site("sole".into());
+    let [x, y, z] = tree.place(&start, &tree.point(&sole).unwrap()).pos;
+    let target = Target { point: sole.clone(), pos: [x, y, z + 0.15], quat: None };
+    let search = |restarts: u32| {
+        let config = IkConfig { restarts, ..IkConfig::default() };
+        tree.ik(&start, std::slice::from_ref(&target), &config).unwrap()
+    };
+    assert!(!search(0).reached, "one search stays where it began");
+    assert!(search(8).reached);
+    let mut clip = Clip::new(robot.clip_ref(), 40);
+    clip.keys.push(Key::new(0, &start));
+    let reach = vec![Reach::site("sole", target.pos)];
+    clip.keys.push(Key { reach, ..Key::with(20, Goal::Open) });
+    let command = robot.compile(&clip).unwrap();
+    assert!(command.reached().iter().all(|r| r.distance_m < 1e-3), "{:?}", command.reached());
 }
 
 #[test]

@@ -167,6 +167,17 @@ pub(super) fn actuators(
         ("limited", limited),
         ("range", ranges),
     ];
+    // A nameless actuator got the name of what it pulls at, which another one may have, too.
+    let mut taken = BTreeSet::new();
+    for motor in &mut motors {
+        let stem = motor.name.clone();
+        for n in 2.. {
+            if taken.insert(motor.name.clone()) {
+                break;
+            }
+            motor.name = format!("{stem}_{n}");
+        }
+    }
     let mut xml = without_actuators(draft, config)?;
     for (attribute, values) in attributes {
         xml = text::with_joints(&xml, attribute, &values).map_err(|e| {
@@ -252,6 +263,10 @@ fn motor(
     let name = called.unwrap_or(&target).to_owned();
     let gear = model.actuator_gear()[6 * a];
     let gain = model.actuator_gainprm()[10 * a];
+    if is_damper(model, a) {
+        draft.dropped.push(format!("actuator \"{name}\": a damper only brakes"));
+        return None;
+    }
     let force = force_range(draft, model, a, gear);
     if let Some(law) = servo_law(draft, model, a)
         && config.servos == Servos::Keep
@@ -303,6 +318,17 @@ const FIXED: i32 = 0;
 const MUSCLE: i32 = 2;
 /// `mjDYN_FILTER`.
 const FILTER: i32 = 2;
+
+/// Whether the force of an actuator is only its control times the speed of its joint.
+fn is_damper(model: &Model, a: usize) -> bool {
+    const AFFINE: i32 = 1; // mjGAIN_AFFINE
+    const NONE: i32 = 0; // mjBIAS_NONE
+    let gain = &model.actuator_gainprm()[10 * a..10 * a + 3];
+    model.actuator_gaintype()[a] == AFFINE
+        && model.actuator_biastype()[a] == NONE
+        && gain[..2] == [0.0; 2]
+        && gain[2] < 0.0
+}
 
 /// What an actuator with dynamics is, and the forces that it reaches: a filter, such as the pressure
 /// of a cylinder, arrives at its control after a while. A muscle only pulls; the motor in its place
