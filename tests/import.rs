@@ -550,6 +550,27 @@ fn nameless_actuators_of_one_joint_get_different_names_and_dampers_go() {
 }
 
 #[test]
+fn poses_of_a_base_that_is_held_stay() {
+    let xml = "<mujoco><worldbody><body name='base' pos='0 0 1'><freejoint/><geom size='.1'/><body name='leg'>
+        <joint name='hip' axis='0 1 0' range='-90 90' limited='true'/><geom size='.1' pos='0 0 -.3'/></body></body></worldbody>
+        <actuator><motor joint='hip' ctrlrange='-9 9' ctrllimited='true'/></actuator>
+        <keyframe><key name='stand' qpos='0 0 1 1 0 0 0 0'/><key name='crouch' qpos='0 0 .8 1 0 0 0 .7' qvel='0 0 0 0 0 0 0'/></keyframe></mujoco>";
+    let ran = robert()
+        .file("a.xml", xml)
+        .args(["import", "a.xml", "--out", "a", "--fixed-base", "--json"])
+        .succeeds();
+    let robot = Robot::from_folder(&ran.path("a")).unwrap();
+    assert_eq!((robot.home(), robot.pose("crouch").unwrap()), (vec![0.0], vec![0.7]));
+    // With other numbers of coordinates it is unknown which are the base's.
+    let odd = xml.replace("1 0 0 0 .7'", "1 0 0 .7'").replace("0 0 .8", "0 .8");
+    let ran = robert()
+        .file("a.xml", odd)
+        .args(["import", "a.xml", "--out", "a", "--fixed-base", "--json"])
+        .succeeds();
+    assert!(notes(&ran.json(), "dropped").contains("keyframes"));
+}
+
+#[test]
 fn a_stretched_leg_at_its_stop_bends() {
     // Two links in a line; the knee bends one way only, and its stop is where it is straight.
     let link = |name: &str, range: &str, inside: &str| {

@@ -46,7 +46,7 @@ pub(super) struct ModelFlags {
     #[arg(long, value_name = "M", default_value_t = 0.0, allow_negative_numbers = true)]
     base_height: f64,
     /// Force limit of motors whose source names none, N m or N [default: enough to carry the robot].
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     effort: Option<f64>,
     /// Weld joints at their zeros. May be repeated.
     #[arg(long = "weld", value_name = "JOINT,...", value_delimiter = ',')]

@@ -90,7 +90,7 @@ pub(super) struct Args {
     #[arg(long, value_parser = transitions)]
     transitions: Option<u64>,
     /// Minutes of training on this machine; 0 stops at `ridge`.
-    #[arg(long, default_value_t = 8.0)]
+    #[arg(long, default_value_t = 8.0, allow_negative_numbers = true)]
     minutes: f64,
     /// Preset of the network.
     #[arg(long, default_value = "quick")]

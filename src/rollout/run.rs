@@ -579,7 +579,23 @@ fn check_joints(robot: &Robot, command: &Command) -> Result<(), Error> {
     let strange = command.joints().iter().find(|j| !known.contains(&j.as_str()));
     let why = match strange {
         Some(joint) => format!("\"{joint}\" is not a joint of the robot"),
-        None => "their order differs, or some are missing".to_owned(),
+        None => {
+            let missing: Vec<&str> = known
+                .iter()
+                .filter(|name| !command.joints().iter().any(|j| j == *name))
+                .copied()
+                .collect();
+            match missing.len() {
+                0 => "their order differs".to_owned(),
+                n => {
+                    let some = missing[..n.min(5)].join(", ");
+                    let more = if n > 5 { format!(" and {} more", n - 5) } else { String::new() };
+                    format!(
+                        "it lacks {some}{more}: every joint of the robot has a place in each row, with null where it has no goal"
+                    )
+                }
+            }
+        }
     };
     Err(Error::Joints {
         robot: robot.id().to_owned(),

@@ -134,12 +134,23 @@ fn is_entry(n: &Node<'_, '_>) -> bool {
 /// The joints that let a body float: a free joint, or the ball joint beside three slides without motors.
 pub(super) fn floating<'a, 'd>(doc: &'a Document<'d>) -> Vec<Node<'a, 'd>> {
     let free = |n: &Node<'_, '_>| {
-        let says = n.has_tag_name("freejoint")
-            || (n.has_tag_name("joint") && kind(n) == Some("free"))
-            || is_base(*n);
-        says && n.parent().is_some_and(|p| p.has_tag_name("body"))
+        (is_free(n) || is_base(*n)) && n.parent().is_some_and(|p| p.has_tag_name("body"))
     };
     doc.descendants().filter(free).collect()
+}
+
+/// The joints of all bodies, in the order of the file.
+pub(super) fn joints<'a, 'd>(doc: &'a Document<'d>) -> impl Iterator<Item = Node<'a, 'd>> {
+    let is_joint = |n: &Node<'_, '_>| {
+        (n.has_tag_name("joint") || n.has_tag_name("freejoint"))
+            && n.parent().is_some_and(|p| p.has_tag_name("body"))
+    };
+    doc.descendants().filter(is_joint)
+}
+
+/// Whether this is a free joint.
+pub(super) fn is_free(n: &Node<'_, '_>) -> bool {
+    n.has_tag_name("freejoint") || (n.has_tag_name("joint") && kind(n) == Some("free"))
 }
 
 /// Whether this ball joint and three slides beside it let a body float that no joint carries.
@@ -168,7 +179,7 @@ pub(super) fn floating_on_six<'a, 'd>(doc: &'a Document<'d>) -> Vec<Vec<Node<'a,
 }
 
 /// The type of a joint: its own, or that of its default class.
-fn kind<'a>(joint: &Node<'a, '_>) -> Option<&'a str> {
+pub(super) fn kind<'a>(joint: &Node<'a, '_>) -> Option<&'a str> {
     let class = || Classes::of(joint.document()).get(*joint, &["joint"], "type");
     joint.attribute("type").or_else(class)
 }

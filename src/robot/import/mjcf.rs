@@ -141,8 +141,11 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
     let loosened = free_base(&doc, path, config, &mut draft, &mut edits)?;
     let split = split::balls(&doc, &config.weld, &mut draft, &mut edits);
     weld(&doc, path, config, &mut draft, &mut edits)?;
-    if loosened || split || !config.weld.is_empty() {
-        for key in doc.root_element().children().filter(|n| n.has_tag_name("keyframe")) {
+    let other = loosened == Loosened::Others || split || !config.weld.is_empty();
+    for key in doc.root_element().children().filter(|n| n.has_tag_name("keyframe")) {
+        if !other && loosened == Loosened::First && held_keys(&doc, key, &mut edits) {
+            draft.changed.push("the place of the base left the keyframes".to_owned());
+        } else if other || loosened != Loosened::Nothing {
             edits.replace(key.range(), blank(&named, key));
             once(&mut draft.dropped, "keyframes: their qpos counts the joints that were replaced");
         }
@@ -330,16 +333,53 @@ fn names(doc: &Document<'_>, draft: &mut Draft, edits: &mut Edits) {
     }
 }
 
+/// The joints that [`free_base`] removed or replaced.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Loosened {
+    Nothing,
+    /// The free joint whose seven coordinates are the first of every qpos.
+    First,
+    Others,
+}
+
+/// The coordinates of a free joint in qpos and qvel.
+const FREE: [(&str, usize); 2] = [("qpos", 7), ("qvel", 6)];
+
+/// Takes the coordinates of the free joint at their beginning from the keyframes of a section; false, and nothing
+/// is edited, if they have another number of coordinates than the model's hinges and slides need.
+fn held_keys(doc: &Document<'_>, section: Node<'_, '_>, edits: &mut Edits) -> bool {
+    let joints: Vec<_> = loose::joints(doc).collect();
+    if joints
+        .iter()
+        .any(|j| loose::is_free(j) != (*j == joints[0]) || loose::kind(j) == Some("ball"))
+    {
+        return false;
+    }
+    let mut kept = Vec::new();
+    for key in section.children().filter(|n| n.has_tag_name("key")) {
+        for (attribute, free) in FREE {
+            let Some(text) = key.attribute(attribute) else { continue };
+            let numbers: Vec<&str> = text.split_whitespace().collect();
+            if numbers.len() != free + joints.len() - 1 {
+                return false;
+            }
+            kept.push((key, attribute, numbers[free..].join(" ")));
+        }
+    }
+    kept.iter().for_each(|(key, attribute, numbers)| edits.set(*key, attribute, numbers));
+    true
+}
+
 /// Replaces free joints of bodies that close a loop, and removes the others if this was requested;
 /// otherwise those are an error. Slides and hinges on which a body floats are removed likewise, or warned
-/// about. Returns whether the number of coordinates changed.
+/// about. Returns which coordinates are others now.
 fn free_base(
     doc: &Document<'_>,
     path: &std::path::Path,
     config: &ImportConfig,
     draft: &mut Draft,
     edits: &mut Edits,
-) -> Result<bool, Error> {
+) -> Result<Loosened, Error> {
     let (tied, loose): (Vec<_>, Vec<_>) = loose::floating(doc)
         .into_iter()
         .partition(|joint| !config.fixed_base && loose::closes_a_loop(doc, *joint));
@@ -349,7 +389,14 @@ fn free_base(
         return Err(preparse::refuse(*first, path, loose::ways_out(&loose)));
     }
     let six = loose::floating_on_six(doc);
-    let any = !tied.is_empty() || !loose.is_empty() || (config.fixed_base && !six.is_empty());
+    let six_go = config.fixed_base && !six.is_empty();
+    let loosened = match loose.as_slice() {
+        [] if tied.is_empty() && !six_go => Loosened::Nothing,
+        [one] if tied.is_empty() && !six_go && loose::joints(doc).next() == Some(*one) => {
+            Loosened::First
+        }
+        _ => Loosened::Others,
+    };
     let body = |joint: &Node<'_, '_>| {
         joint.parent().and_then(|p| p.attribute("name")).unwrap_or("a body").to_owned()
     };
@@ -379,7 +426,7 @@ fn free_base(
             body(&joint)
         ));
     }
-    Ok(any)
+    Ok(loosened)
 }
 
 fn weld(
