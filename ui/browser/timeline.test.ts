@@ -245,7 +245,7 @@ describe("timeline", () => {
     await t.until((s) => s.clip?.length === 100, "5 s");
     await t.byId("length").fill("40");
     await t.page.keyboard.press("Enter");
-    await t.page.getByText("are at frame 40 or later").first().waitFor();
+    await t.page.getByText("is at frame 40 or later").first().waitFor();
     assert.equal((await t.state()).clip?.length, 100, "no key falls out unasked");
     await t.press("Shift+F");
     const box = await t.byId("timeline").boundingBox();

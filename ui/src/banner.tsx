@@ -1,12 +1,23 @@
 // What concerns the whole page: no access, no studio, no simulation, edits that were restored. It
 // stands above the page and covers nothing.
 
-import { useSignal } from "@preact/signals";
+import { isAnswered, setAnswered } from "./restored";
 import * as store from "./store";
-import { http, tell } from "./wire";
+import { complain, http, tell } from "./wire";
+
+/** The file, or the clip as it was begun; undo brings the edits back. */
+async function discard(d: store.Document): Promise<void> {
+  try {
+    await http("POST /api/discard");
+    setAnswered(d);
+    const what = d.path ? "the clip is as the file has it" : "the unsaved edits are discarded";
+    store.toast(`${what}; Ctrl+Z brings them back`, "info", true);
+  } catch (e) {
+    complain(e);
+  }
+}
 
 export function Banner() {
-  const dismissed = useSignal(false);
   const d = store.doc.value;
   return store.link.value === "refused" ? (
     <div class="banner" role="alert">
@@ -37,13 +48,11 @@ export function Banner() {
         Start it again
       </button>
     </div>
-  ) : d && d.restored > 0 && !dismissed.value && store.page.value === "editor" ? (
+  ) : d && d.restored > 0 && !isAnswered(d) && store.page.value === "editor" ? (
     <div class="banner" role="status" data-testid="restored">
       Restored {d.restored} unsaved edit{d.restored === 1 ? "" : "s"}.
-      <button onClick={() => (dismissed.value = true)}>Keep</button>
-      <button onClick={() => void http("POST /api/discard").then(() => (dismissed.value = true))}>
-        {d.path ? "Return to the saved file" : "Discard them"}
-      </button>
+      <button onClick={() => setAnswered(d)}>Keep</button>
+      <button onClick={() => void discard(d)}>{d.path ? "Return to the saved file" : "Discard them"}</button>
     </div>
   ) : null;
 }

@@ -100,7 +100,7 @@ function Title() {
         {d.dirty ? <i class="dirty" role="img" aria-label="not saved" /> : null}
       </button>
       {file ? (
-        <span class="of" title={d.path ?? ""}>
+        <span class="of file" title={d.path ?? ""}>
           {file}
         </span>
       ) : null}

@@ -34,8 +34,11 @@ function column(q: number[][], joint: number, length: number): (number | null)[]
   return Array.from({ length }, (_, f) => q[f]?.[joint] ?? null);
 }
 
-/** A cross where a key commands the joint, however short; a line as long as it is held. A recording has a
- * key at every frame: of these, crosses are drawn where there is room for them. */
+/** Keys that are nearer to one another than this have no cross each, pixels. */
+const CROWDED = 6;
+
+/** A cross where a key commands the joint, however short; a line as long as it is held. Of very many keys, as a
+ * recording has them, crosses are drawn where there is room for them. */
 function crosses(u: uPlot, joint: number, color: string, turn: number): void {
   const d = store.doc.value;
   if (!d) return;
@@ -49,7 +52,8 @@ function crosses(u: uPlot, joint: number, color: string, turn: number): void {
   ctx.strokeStyle = color;
   ctx.lineWidth = 1.6 * devicePixelRatio;
   ctx.beginPath();
-  const dense = isDense(d.clip);
+  const apart = u.bbox.width / Math.max(1, d.clip.keys.length);
+  const dense = isDense(d.clip) || apart < CROWDED * devicePixelRatio;
   let before = -Infinity;
   for (const key of d.clip.keys) {
     const v = goal[key.frame];

@@ -1,11 +1,13 @@
 // Everything that asks something: palette, shortcut sheet, small questions, files, export.
 
+import { retime } from "./actions/keys";
 import { Ask } from "./ask";
 import { Open, Whose } from "./clip_import";
 import { CloseRow, closeDialog, Dialog, openDialog, question } from "./dialog";
 import { fileStem, reload, save } from "./documents";
 import { Export } from "./export";
 import { ScaleValues, Slope } from "./graph/questions";
+import { pivotOf } from "./grow";
 import { KeyEditor, wholeFrames } from "./key_editor";
 import { parseNumber } from "./numbers";
 import { OffsetFades } from "./offset_fades";
@@ -102,28 +104,23 @@ export function Dialogs() {
       return <History onClose={onClose} />;
     case "export":
       return <Export onClose={onClose} />;
-    case "retime":
+    case "retime": {
+      const pivot = pivotOf(frames, store.playhead.value);
       return (
         <Ask
           title="Retime"
-          label="Factor on the distance to the playhead"
+          label={
+            pivot === store.playhead.value
+              ? "Factor on the distance to the playhead"
+              : "Factor on the distance to the first of the keys"
+          }
           value="1.5"
           hint="2 is twice as slow. Keys are moved to whole frames."
           onClose={onClose}
-          onDone={(t) =>
-            number(t, (factor) => {
-              const pivot = store.playhead.value;
-              void edit("keys.scale", { frames, pivot, factor }).then(
-                (ok) =>
-                  ok &&
-                  (store.selection.value = new Set(
-                    frames.map((f) => Math.round(pivot + (f - pivot) * factor)),
-                  )),
-              );
-            })
-          }
+          onDone={(t) => number(t, (factor) => void retime(frames, factor))}
         />
       );
+    }
     case "scale":
       return <ScaleValues onClose={onClose} />;
     case "slope":

@@ -5,6 +5,7 @@ import { openDialog } from "./dialog";
 import { forgetPose } from "./posing";
 import type { DocumentView } from "./protocol";
 import { closeReference } from "./reference";
+import { restoredOf } from "./restored";
 import * as store from "./store";
 import { complain, http, Refusal, tell } from "./wire";
 
@@ -12,7 +13,9 @@ import { complain, http, Refusal, tell } from "./wire";
 export function adopt(d: DocumentView | null): void {
   const before = store.doc.value;
   batch(() => {
-    store.doc.value = d ? { ...d, restored: d.restored?.edits ?? 0 } : undefined;
+    store.doc.value = d ? { ...d, restored: restoredOf(d) } : undefined;
+    // What the page asks for and shows of a robot is of this clip's, or waits for it.
+    if (store.robot.value?.id !== d?.clip.robot.id) store.robot.value = undefined;
     if (!d) {
       store.page.value = "gallery";
       store.performed.value = { q: [], error: [] };
@@ -34,6 +37,7 @@ export function adopt(d: DocumentView | null): void {
 
 /** What was chosen in one document means nothing in the next. */
 function forget(): void {
+  store.announcement.value = "";
   store.renaming.value = false;
   store.playing.value = false;
   store.selection.value = new Set();

@@ -4,6 +4,7 @@ import { signal } from "@preact/signals";
 import { X } from "lucide";
 import { useEffect, useRef } from "preact/hooks";
 import { type Clip, keyAt } from "./clip";
+import { hold } from "./hand";
 import { Icon } from "./icon";
 import { parseNumber, TIMES } from "./numbers";
 import { poseAt } from "./posing";
@@ -170,8 +171,13 @@ export function Draw() {
         onPointerDown={(e) => {
           if (e.button !== 0) return;
           e.currentTarget.setPointerCapture(e.pointerId);
-          points.current = [];
-          e.currentTarget.getContext("2d")?.clearRect(0, 0, e.currentTarget.width, e.currentTarget.height);
+          const c = e.currentTarget;
+          const clear = (): void => {
+            points.current = [];
+            c.getContext("2d")?.clearRect(0, 0, c.width, c.height);
+          };
+          clear();
+          hold(clear);
           add(e);
         }}
         onPointerMove={(e) => {

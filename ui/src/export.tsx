@@ -39,6 +39,29 @@ const momentsTyped = signal("6");
 const beside = signal<"" | number | "file">("");
 const besideFile = signal("");
 
+/** The last part of a file's name: formats that share an ending, and files that were made before, do not share a
+ * name. */
+function freePath(stem: string, f: ExportFormat): string {
+  const shared = formats.value.some((x) => x !== f && x.ending === f.ending);
+  const own = !shared || f.format === f.ending ? stem : `${stem}-${f.format}`;
+  const made = [...store.jobs.value.values()].flatMap((job) => job.args[job.args.indexOf("-o") + 1] ?? []);
+  const isMade = (path: string): boolean => made.includes(`${store.folder.value}/${path}`);
+  let path = `${own}.${f.ending}`;
+  for (let n = 2; isMade(path); n++) path = `${own}-${n}.${f.ending}`;
+  return path;
+}
+
+/** The joints that the controller of a UR arm needs. */
+const UR = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2"];
+
+/** Why this robot cannot have a format; undefined when it can. */
+function unfit(f: ExportFormat, joints: readonly string[]): string | undefined {
+  const plain = joints.map((name) => name.replace(/_joint$/, ""));
+  return f.format === "ur" && !(plain.length === UR.length && UR.every((name) => plain.includes(name)))
+    ? "only for a UR5e: this robot has other joints"
+    : undefined;
+}
+
 export function Export({ onClose }: { onClose: () => void }) {
   const chosen = useSignal(0);
   const size = useSignal(0);
@@ -46,11 +69,24 @@ export function Export({ onClose }: { onClose: () => void }) {
   const typed = useSignal<string | undefined>(undefined);
   const job = useSignal<number | undefined>(undefined);
   const said = useSignal("");
+  /** Found when a format is chosen: it does not change while the file is being made. */
+  const offered = useSignal("");
+  const choose = (index: number): void => {
+    const [format, name] = [formats.value[index], store.doc.value?.clip.name];
+    chosen.value = index;
+    typed.value = undefined;
+    said.value = "";
+    offered.value = format ? freePath(fileStem(name), format) : "";
+  };
   if (typeof beside.value === "number" && !store.takes.value.some((t) => t.id === beside.value))
     beside.value = "";
   useEffect(() => {
     if (formats.value.length === 0)
-      void http("GET /api/formats").then((list) => (formats.value = list), complain);
+      void http("GET /api/formats").then((list) => {
+        formats.value = list;
+        choose(0);
+      }, complain);
+    else choose(0);
   }, []);
   const f = formats.value[chosen.value];
   const d = store.doc.value;
@@ -60,7 +96,7 @@ export function Export({ onClose }: { onClose: () => void }) {
   const isClip = f.kind === "clip";
   const isFolder = f.kind === "folder";
   const stem = fileStem(d.clip.name);
-  const path = typed.value ?? `${stem}.${f.ending}`;
+  const path = typed.value ?? offered.value;
   const current = job.value === undefined ? undefined : store.jobs.value.get(job.value);
   const busy = isRunning(current);
   const range = store.range.value;
@@ -115,23 +151,23 @@ export function Export({ onClose }: { onClose: () => void }) {
   return (
     <Dialog title="Export" class="wide" onClose={onClose}>
       <div class="formats" role="radiogroup" aria-label="Format">
-        {formats.value.map((x, i) => (
-          <label key={x.format} class={i === chosen.value ? "on" : ""}>
-            <input
-              type="radio"
-              name="format"
-              checked={i === chosen.value}
-              onChange={() => {
-                chosen.value = i;
-                typed.value = undefined;
-                said.value = "";
-              }}
-              data-testid={`format-${x.format}`}
-            />
-            <b>{x.title}</b>
-            <span>{x.about}</span>
-          </label>
-        ))}
+        {formats.value.map((x, i) => {
+          const why = unfit(x, d.clip.robot.joints);
+          return (
+            <label key={x.format} class={i === chosen.value ? "on" : why ? "unfit" : ""}>
+              <input
+                type="radio"
+                name="format"
+                checked={i === chosen.value}
+                disabled={why !== undefined}
+                onChange={() => choose(i)}
+                data-testid={`format-${x.format}`}
+              />
+              <b>{x.title}</b>
+              <span>{why ?? x.about}</span>
+            </label>
+          );
+        })}
       </div>
       <div class="row" style="margin-top: 10px">
         {isPictured ? (

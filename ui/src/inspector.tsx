@@ -60,8 +60,8 @@ export function Inspector() {
         ) : null}
       </h2>
       <Reach />
+      <Settled />
       <div class="scroll">
-        <Settled />
         {rest.map((j) => (
           <Joint key={j} index={j} />
         ))}

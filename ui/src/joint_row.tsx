@@ -4,8 +4,9 @@
 import { useSignal } from "@preact/signals";
 import { Link2, Lock } from "lucide";
 import { useRef } from "preact/hooks";
-import { keyAt } from "./clip";
+import { keyAt, values } from "./clip";
 import { together } from "./couplings";
+import { hold } from "./hand";
 import { Icon } from "./icon";
 import { rightShown } from "./layout";
 import { isLocked } from "./locks";
@@ -19,7 +20,7 @@ export function Joint({ index, again = "" }: { index: number; again?: string }) 
   const d = store.doc.value;
   const text = useSignal<string | undefined>(undefined);
   const live = useSignal<number | undefined>(undefined);
-  const held = useSignal<number | undefined>(undefined);
+  const room = useRef<{ opened: number; top: number } | undefined>(undefined);
   const drag = useRef<{ x: number; at: number; moved: boolean } | undefined>(undefined);
   const fact = d?.table.joints[index];
   if (!d || !fact) return null;
@@ -28,10 +29,16 @@ export function Joint({ index, again = "" }: { index: number; again?: string }) 
   const value = live.value ?? store.moving.value?.[fact.name] ?? pose;
   const unit = fact.unit;
   const scale = unit === "rad" && store.degrees.value ? 180 / Math.PI : 1;
-  // A joint without stops has a slider about its value, which stands still while it is dragged.
+  // A joint without stops has a slider about 0 that has room for all keys. It grows, but not under a hand.
   const reach = unit === "m" ? 1 : Math.PI;
-  const middle = held.value ?? Math.round(value / reach) * reach;
-  const [lo, hi] = fact.range ?? [middle - reach, middle + reach];
+  if (!fact.range && !drag.current) {
+    const own = d.clip.keys.map((k) => Math.abs(values(d.clip, k)[index] ?? 0));
+    const most = (Math.floor(Math.max(Math.abs(value), ...own) / reach) + 1) * reach;
+    const before = room.current?.opened === d.opened ? room.current.top : 0;
+    room.current = { opened: d.opened, top: Math.max(most, before) };
+  }
+  const top = room.current?.top ?? reach;
+  const [lo, hi] = fact.range ?? [-top, top];
   const achieved = store.frames.value.q[frame]?.[index];
   const commanded = keyAt(d.clip, frame) !== undefined;
   const off = achieved === undefined || !commanded ? undefined : Math.abs(achieved - value);
@@ -51,8 +58,8 @@ export function Joint({ index, again = "" }: { index: number; again?: string }) 
     e.preventDefault();
     field.querySelector("input")?.focus();
     field.setPointerCapture(e.pointerId);
-    held.value = middle;
     drag.current = { x: e.clientX, at: value, moved: false };
+    hold(() => letGo(undefined, false));
   };
   const pull = (e: PointerEvent): void => {
     const d = drag.current;
@@ -64,12 +71,11 @@ export function Joint({ index, again = "" }: { index: number; again?: string }) 
     d.x = e.clientX;
     set(d.at, false);
   };
-  const letGo = (e: Event, keep: boolean): void => {
+  const letGo = (e: Event | undefined, keep: boolean): void => {
     const d = drag.current;
     drag.current = undefined;
-    held.value = undefined;
     if (!d?.moved) return;
-    e.stopPropagation();
+    e?.stopPropagation();
     if (keep) return set(d.at, true);
     live.value = undefined;
     void jointMoved({}, true);
@@ -78,7 +84,7 @@ export function Joint({ index, again = "" }: { index: number; again?: string }) 
     const t = text.value;
     text.value = undefined;
     if (t === undefined) return;
-    const inner = parseNumber(t, unit === "rad" ? ANGLES : LENGTHS, 1 / scale);
+    const inner = parseNumber(t, unit === "rad" ? ANGLES : LENGTHS, 1 / scale, value);
     if (inner === undefined)
       return store.toast(
         `"${t}" is not a number of ${unit === "m" ? "metres" : store.degrees.value ? "degrees" : "radians"}`,
@@ -139,9 +145,6 @@ export function Joint({ index, again = "" }: { index: number; again?: string }) 
           onFocus={() => select(index)}
           onInput={(e) => set(Number(e.currentTarget.value), false)}
           onChange={(e) => set(Number(e.currentTarget.value), true)}
-          onKeyDown={(e) => {
-            if (e.key === "Escape" && drag.current) letGo(e, false);
-          }}
         />
       </span>
       <input
@@ -149,16 +152,14 @@ export function Joint({ index, again = "" }: { index: number; again?: string }) 
         disabled={locked}
         aria-label={`${title}, value`}
         inputMode="decimal"
+        title="Sums are allowed: 10+5; +=5 and *=2 change the value"
         value={text.value ?? fixed(value * scale, unit === "m" ? 3 : store.degrees.value ? 1 : 3)}
         onInput={(e) => (text.value = e.currentTarget.value)}
         onBlur={typed}
         onKeyDown={(e) => {
-          if (e.key === "Enter") typed();
-          if (e.key === "Escape") {
-            // What was typed is dropped, and keys are the page's again.
-            text.value = undefined;
-            e.currentTarget.blur();
-          }
+          // Escape drops what was typed. Either way the keys are the page's again.
+          if (e.key === "Escape") text.value = undefined;
+          if (e.key === "Enter" || e.key === "Escape") e.currentTarget.blur();
           if (e.key === "ArrowUp" || e.key === "ArrowDown") {
             const step =
               (e.shiftKey ? 0.1 : 1) * (unit === "m" ? 0.01 : Math.PI / 180) * (e.key === "ArrowUp" ? 1 : -1);

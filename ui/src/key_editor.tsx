@@ -33,7 +33,7 @@ export function KeyEditor({ frame, onClose }: { frame: number; onClose: () => vo
     const changes: Record<string, number | null> = {};
     for (const [j, text] of fields.value.entries()) {
       if (text.trim() === before[j]) continue;
-      const n = parseNumber(text, d.table.joints[j]?.unit === "m" ? LENGTHS : ANGLES, 1 / scale(j));
+      const n = parseNumber(text, d.table.joints[j]?.unit === "m" ? LENGTHS : ANGLES, 1 / scale(j), q[j]);
       const name = d.clip.robot.joints[j] ?? "";
       if (text.trim() === "") {
         changes[name] = null;

@@ -79,6 +79,8 @@ function Side() {
 function Editor() {
   const hint = useSignal("");
   useEffect(offerTour, []);
+  // What was said of one clip means nothing in the next.
+  useEffect(() => void (hint.value = ""), [store.doc.value?.opened]);
   const hidden = `${leftShown.value ? "" : "no-left"} ${rightShown.value ? "" : "no-right"}`;
   return (
     <div class={`editor ${hidden}`} data-testid="editor">
@@ -127,6 +129,16 @@ function App() {
           <div class={`toast ${t.kind}`} key={t.id} role={t.kind === "error" ? "alert" : "status"}>
             <span>{t.text}</span>
             {t.undo ? <button onClick={() => act("undo")}>Undo</button> : null}
+            {t.answer ? (
+              <button
+                onClick={() => {
+                  store.dismiss(t.id);
+                  t.answer?.run();
+                }}
+              >
+                {t.answer.title}
+              </button>
+            ) : null}
             <button class="icon quiet" aria-label="Dismiss" onClick={() => store.dismiss(t.id)}>
               <Icon of={X} size={14} />
             </button>

@@ -7,15 +7,79 @@ export const ANGLES: Units = { "°": Math.PI / 180, deg: Math.PI / 180, rad: 1 }
 export const LENGTHS: Units = { mm: 1e-3, cm: 1e-2, m: 1 };
 export const TIMES: Units = { ms: 1e-3, s: 1 };
 
+/** A value in a sum, and whether a unit was written with it. */
+interface Term {
+  value: number;
+  isMeasured: boolean;
+}
+
 /**
- * The number of a text such as `60`, `-1,5` or `60 deg`; without a unit it is of `plain`.
- * Undefined when it is none: nothing, a word, a sum.
+ * The number of a text such as `60`, `-1,5`, `60 deg` or `2 * (10 + 5)`; without a unit it is of `plain`. With the
+ * value that it is to change, also `+=5` or `*=2`. Undefined when it is none: nothing, a word, a product of angles.
  */
-export function parseNumber(text: string, units: Units = {}, plain = 1): number | undefined {
-  const parts = /^([+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:e[+-]?\d+)?)\s*(\S*)$/i.exec(text.trim());
-  const scale = parts?.[2] ? units[parts[2]] : plain;
-  const value = Number(parts?.[1]?.replace(",", ".")) * (scale ?? Number.NaN);
-  return Number.isFinite(value) ? value : undefined;
+export function parseNumber(text: string, units: Units = {}, plain = 1, now?: number): number | undefined {
+  const change = /^\s*([-+*/])=(.*)$/.exec(text);
+  if (change && now === undefined) return undefined;
+  const tokens = (change?.[2] ?? text).match(
+    /(?:\d+[.,]?\d*|[.,]\d+)(?:e[+-]?\d+)?|[-+*/()]|[^\s\d.,()*/+-]+|\S/gi,
+  );
+  const rest = [...(tokens ?? [])];
+  const failed: Term = { value: Number.NaN, isMeasured: false };
+
+  const measured = (t: Term): number => t.value * (t.isMeasured ? 1 : plain);
+  const add = (a: Term, b: Term, sign: number): Term =>
+    a.isMeasured === b.isMeasured
+      ? { ...a, value: a.value + sign * b.value }
+      : { value: measured(a) + sign * measured(b), isMeasured: true };
+  // Only numbers without a unit multiply and divide: there are no square degrees.
+  const multiply = (a: Term, b: Term): Term =>
+    a.isMeasured && b.isMeasured
+      ? failed
+      : { value: a.value * b.value, isMeasured: a.isMeasured || b.isMeasured };
+  const divide = (a: Term, b: Term): Term => (b.isMeasured ? failed : { ...a, value: a.value / b.value });
+
+  const atom = (): Term => {
+    const token = rest.shift() ?? "";
+    if (/^[-+]$/.test(token) && !/^[-+]$/.test(rest[0] ?? "")) {
+      const of = atom();
+      return { ...of, value: token === "-" ? -of.value : of.value };
+    }
+    if (token === "(") {
+      const inner = sum();
+      return rest.shift() === ")" ? inner : failed;
+    }
+    if (!/^[\d.,]/.test(token)) return failed;
+    const value = Number(token.replace(",", "."));
+    const unit = /^[^-+*/()\d.,]/.test(rest[0] ?? "") ? rest.shift() : undefined;
+    return unit === undefined
+      ? { value, isMeasured: false }
+      : { value: value * (units[unit] ?? Number.NaN), isMeasured: true };
+  };
+  const product = (): Term => {
+    let t = atom();
+    while (rest[0] === "*" || rest[0] === "/")
+      t = rest.shift() === "*" ? multiply(t, atom()) : divide(t, atom());
+    return t;
+  };
+  const sum = (): Term => {
+    let t = product();
+    while (rest[0] === "+" || rest[0] === "-") {
+      const sign = rest.shift() === "+" ? 1 : -1;
+      t = add(t, product(), sign);
+    }
+    return t;
+  };
+
+  const typed = sum();
+  const from: Term = { value: now ?? 0, isMeasured: true };
+  const by: Record<string, () => Term> = {
+    "+": () => add(from, typed, 1),
+    "-": () => add(from, typed, -1),
+    "*": () => multiply(from, typed),
+    "/": () => divide(from, typed),
+  };
+  const value = measured(by[change?.[1] ?? ""]?.() ?? typed);
+  return rest.length === 0 && Number.isFinite(value) ? value : undefined;
 }
 
 /** A number with this many digits. A number that is rounded to zero has no sign. */

@@ -125,6 +125,13 @@ function judge(): void {
 
 const words = (body: string): string => body.replaceAll("_", " ");
 
+function touchInWords([deepest, ...more]: [string, string, number][]): string {
+  if (!deepest) return "";
+  const [one, other, depth] = deepest;
+  const rest = more.length ? ` (and ${more.length} more)` : "";
+  return `${words(one)} presses ${(depth * 1000).toFixed(1)} mm into ${words(other)}${rest}`;
+}
+
 /** What is held, and what of it cannot be. */
 export function Pins() {
   useEffect(() => {
@@ -140,7 +147,6 @@ export function Pins() {
   const site = store.site.value;
   const sites = store.robot.value?.ik_sites ?? [];
   const held = store.pins.value.some((p) => p.site === site);
-  const deepest = touching.value[0];
   return (
     <span class="pins">
       {site === undefined ? null : (
@@ -207,10 +213,9 @@ export function Pins() {
           </span>
         );
       })}
-      {deepest ? (
-        <span class="contact" role="status" data-testid="contact">
-          {words(deepest[0])} presses {(deepest[2] * 1000).toFixed(1)} mm into {words(deepest[1])}
-          {touching.value.length > 1 ? ` (and ${touching.value.length - 1} more)` : ""}
+      {touching.value.length ? (
+        <span class="contact" role="status" data-testid="contact" title={touchInWords(touching.value)}>
+          {touchInWords(touching.value)}
         </span>
       ) : null}
     </span>

@@ -62,7 +62,7 @@ export function Settings() {
           onInput={(e) => (text.value = e.currentTarget.value)}
           onBlur={seed}
           onKeyDown={(e) => {
-            if (e.key === "Enter") seed();
+            if (e.key === "Enter") e.currentTarget.blur();
           }}
         />
       </label>

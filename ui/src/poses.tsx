@@ -66,7 +66,7 @@ export function Poses() {
     ]);
   };
   return (
-    <section class="panel fill" aria-label="Poses" data-testid="poses">
+    <section class="panel fill pose-list" aria-label="Poses" data-testid="poses">
       {names.length > 8 || find.value ? (
         <label class="find">
           <Icon of={Search} size={14} />

@@ -15,11 +15,13 @@ import {
 import { fitted, fragmentOf, parseFragment } from "./clipboard";
 import { commandedAt, stretches } from "./graph/curve";
 import { type Changes, dragged } from "./graph/space";
+import { endsOf, grown, pivotOf } from "./grow";
+import { fixAll, kindsOf } from "./kinds";
 import { reordered, spanOf, weight } from "./layers";
 import { ANGLES, digitsOf, fixed, inUnits, LENGTHS, parseNumber } from "./numbers";
 import { patched } from "./patch";
 import { nearest, shown, type Tried, variant, withPolicy } from "./policy";
-import type { Guide, PolicyCard, RobotCard, RolloutSettings, RunCard, Shelf } from "./protocol";
+import type { Guide, Lint, Op, PolicyCard, RobotCard, RolloutSettings, RunCard, Shelf } from "./protocol";
 import { acted, ahead, unreachedAt, within } from "./span";
 import {
   fit,
@@ -622,7 +624,14 @@ test("numbers are read with commas and units; what is none is no zero", () => {
     "banana",
     "NaN",
     "Infinity",
-    "2+3",
+    "2+",
+    "(2",
+    "2)",
+    "2**3",
+    "2 m * 3 m",
+    "1 / 2 m",
+    "+=5",
+    "1/0",
     "1e999",
     "--1",
     "1 2",
@@ -632,6 +641,20 @@ test("numbers are read with commas and units; what is none is no zero", () => {
   ]) {
     assert.equal(parseNumber(none, LENGTHS), undefined, none);
   }
+});
+
+test("sums and products are read, with units and about the value that is there", () => {
+  assert.equal(parseNumber("10+5"), 15);
+  assert.equal(parseNumber("2 * (10 - -5) / 3 - 1"), 9);
+  assert.equal(parseNumber("1e-3 + 1,5"), 1.501);
+  assert.equal(parseNumber("10 mm + 2", LENGTHS, 1), 2.01);
+  assert.equal(parseNumber("3*20 mm", LENGTHS), 0.06);
+  assert.equal(parseNumber("90*2", ANGLES, Math.PI / 180), Math.PI);
+  assert.equal(parseNumber("+=10 mm", LENGTHS, 1, 0.5), 0.51);
+  assert.equal(parseNumber("-= 90", ANGLES, Math.PI / 180, Math.PI), Math.PI / 2);
+  assert.equal(parseNumber("*=2", ANGLES, Math.PI / 180, 0.25), 0.5);
+  assert.equal(parseNumber("/=-2", LENGTHS, 1, 0.5), -0.25);
+  assert.equal(parseNumber("*=2 m", LENGTHS, 1, 0.5), undefined);
 });
 
 test("numbers are written without a minus zero, ticks with the digits that they need", () => {
@@ -816,4 +839,59 @@ test("a block goes to another place among the blocks", () => {
   assert.deepEqual(reordered(blocks, 0, 2), [50, 90, 0]);
   assert.deepEqual(reordered(blocks, 90, 0), [90, 0, 50]);
   assert.deepEqual(reordered(blocks, 50, 1), [0, 50, 90]);
+});
+
+test("a clip grows for keys that land beyond its end, with their holds", () => {
+  const clip = {
+    length: 40,
+    keys: [
+      { frame: 10, q: [0] },
+      { frame: 30, q: [1], hold: 5 },
+    ],
+  } as unknown as Clip;
+  const op: Op = { op: "keys.move", args: { frames: [10, 30], df: 8, copy: true } };
+  const ends = (df: number): number[] => endsOf(clip.keys, (f) => f + df);
+  assert.deepEqual(grown(clip, op, ends(5), "Copy"), { op });
+  assert.deepEqual(grown(clip, op, ends(8), "Copy"), {
+    op: { op: "batch", args: { label: "Copy", ops: [{ op: "clip.length", args: { length: 43 } }, op] } },
+    length: 43,
+  });
+  assert.deepEqual(
+    endsOf(clip.keys, (f) => 2 * f, 2),
+    [22, 70],
+  );
+  assert.deepEqual(
+    [0, 10, 20, 30, 31].map((at) => pivotOf([10, 30], at)),
+    [10, 10, 20, 30, 10],
+  );
+  assert.equal(pivotOf([30], 5), 5);
+});
+
+test("problems of one kind have one fix: from the end to the beginning, shared ones once", () => {
+  const lint = (frame: number, rule: string, mend?: Op): Lint =>
+    ({
+      rule,
+      level: "error",
+      frames: [frame, frame + 1],
+      mends: mend ? [{ title: "Clamp", op: mend }] : [],
+    }) as unknown as Lint;
+  const clamp = (frame: number): Op => ({ op: "keys.set", args: { frame, hold: 1 } });
+  const kinds = kindsOf([
+    lint(5, "limits", clamp(5)),
+    lint(3, "blind"),
+    lint(9, "limits", clamp(9)),
+    lint(10, "limits", clamp(9)),
+  ]);
+  assert.deepEqual(
+    kinds.map((k) => [k.rule, k.lints.length, k.fixable]),
+    [
+      ["limits", 3, 3],
+      ["blind", 1, 0],
+    ],
+  );
+  const [limits, blind] = kinds;
+  assert.ok(limits && blind);
+  const op = fixAll(limits);
+  assert.deepEqual(op?.op === "batch" && op.args.ops, [clamp(9), clamp(5)]);
+  assert.equal(fixAll(blind), undefined);
 });

@@ -119,7 +119,7 @@ function Target() {
     if (!texts.some((t) => t !== undefined)) return;
     const values = at.map((v, k) => {
       const text = texts[k];
-      return text === undefined ? v : parseNumber(text, LENGTHS);
+      return text === undefined ? v : parseNumber(text, LENGTHS, 1, v);
     });
     const wrong = values.indexOf(undefined);
     if (wrong >= 0) store.toast(`"${texts[wrong]}" is not a length in metres`, "error");
@@ -149,11 +149,9 @@ function Target() {
               typed.value = texts;
             }}
             onKeyDown={(e) => {
-              if (e.key === "Enter") send();
-              if (e.key === "Escape") {
-                typed.value = [];
-                e.currentTarget.blur();
-              }
+              if (e.key === "Escape") typed.value = [];
+              // Leaving the three fields sends them.
+              if (e.key === "Enter" || e.key === "Escape") e.currentTarget.blur();
               if (e.key !== "ArrowUp" && e.key !== "ArrowDown") return;
               e.preventDefault();
               typed.value = [];

@@ -1,6 +1,9 @@
 // Keyboard: one table (actions.ts), one listener, also installed inside the viewport's frame.
 
 import { ACTIONS, act } from "./actions/index";
+import { isHeld, release } from "./hand";
+import { cancelDrag } from "./posing";
+import * as store from "./store";
 import { retimeByHand } from "./timeline/gestures";
 
 /** `Ctrl+Shift+V` for an event; Cmd counts as Ctrl. */
@@ -27,9 +30,27 @@ function typing(target: EventTarget | null): boolean {
   return target instanceof HTMLInputElement && target.type !== "range" && target.type !== "checkbox";
 }
 
+/** A key that gave something up goes on being pressed: its repetitions mean nothing. */
+let spent = false;
+
+/** A hand on a key, a point, a slider or the robot: what it does comes before every shortcut. */
+function underHand(e: KeyboardEvent, keys: string): boolean {
+  spent &&= e.repeat;
+  const held = isHeld() || store.moving.value !== undefined;
+  if (!spent && !(held && byKey.has(keys))) return false;
+  e.preventDefault();
+  e.stopPropagation();
+  if (spent || (keys !== "Ctrl+Z" && keys !== "Escape")) return true;
+  spent = true;
+  release();
+  cancelDrag();
+  return true;
+}
+
 export function onKeyDown(e: KeyboardEvent): void {
   if (e.defaultPrevented || document.querySelector(".scrim, .menu")) return;
   const keys = chord(e);
+  if (underHand(e, keys)) return;
   if (typing(e.target) && !/^(Ctrl\+[SKOE]|Ctrl\+Shift\+[SO]|F1)$/.test(keys)) return;
   const focus = e.target instanceof HTMLElement ? e.target : undefined;
   // A focused button or heading keeps Space and Enter, a slider or an edge of a panel its arrows.

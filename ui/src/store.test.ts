@@ -168,12 +168,13 @@ test("the facts of a robot that is no longer open are dropped", async () => {
       opened,
       rev: 0,
       clip: { ...open(["a"]), robot: { id, joints: ["a"] } },
+      history: { done: 0 },
       policies: [],
     }) as unknown as Parameters<typeof adopt>[0];
   adopt(view(2, "second"));
   adopt(view(3, "third"));
   await give(robotOf("second", ["a"]));
-  assert.equal(store.robot.value?.id, "r");
+  assert.equal(store.robot.peek(), undefined, "nothing is asked of a robot that is not the clip's");
   await give(robotOf("third", ["a"]));
   assert.equal(store.robot.value?.id, "third");
 });
@@ -187,4 +188,12 @@ test("trying all policies ends when the studio does not take the settings", asyn
   assert.equal(trying.value, "pd");
   await ended;
   assert.equal(trying.value, undefined);
+});
+
+test("errors have two or three figures, and what nobody can see has no digits", () => {
+  store.degrees.value = true;
+  const turns = [0, 1e-9, 0.0123, 0.5, 2.2].map((v) => store.shownError((v * Math.PI) / 180, "rad"));
+  assert.deepEqual(turns, ["0°", "< 0.0001°", "0.012°", "0.50°", "2.2°"]);
+  const lengths = [9e-9, 4.2e-6, 0.0123, 0.3].map((v) => store.shownError(v, "m"));
+  assert.deepEqual(lengths, ["< 0.001 mm", "0.0042 mm", "12.3 mm", "300 mm"]);
 });

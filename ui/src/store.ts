@@ -135,6 +135,8 @@ export interface Toast {
   text: string;
   kind: "info" | "error";
   undo: boolean;
+  /** What can be done about it, by a button. */
+  answer?: { title: string; run: () => void } | undefined;
   /** What it is about: a newer message about the same takes its place. */
   about: string;
 }
@@ -147,10 +149,16 @@ const ERROR_STAYS_MS = 15_000;
 
 let nextToast = 1;
 
-export function toast(text: string, kind: Toast["kind"] = "info", undo = false, about = text): void {
+export function toast(
+  text: string,
+  kind: Toast["kind"] = "info",
+  undo = false,
+  about = text,
+  answer?: Toast["answer"],
+): void {
   const id = nextToast++;
   const others = toasts.value.filter((t) => t.about !== about);
-  toasts.value = [...others.slice(-3), { id, text, kind, undo, about }];
+  toasts.value = [...others.slice(-3), { id, text, kind, undo, about, answer }];
   announcement.value = text;
   afterMs(kind === "error" ? ERROR_STAYS_MS : MESSAGE_STAYS_MS, () => dismiss(id));
 }
@@ -220,18 +228,16 @@ export function shown(value: number, unit: "rad" | "m"): string {
   return degrees.value ? `${fixed((value * 180) / Math.PI, 1)}°` : `${fixed(value, 3)} rad`;
 }
 
-/** An error: two figures that count, however small it is. */
+/** An error: two or three figures that count. What is smaller than anybody can see has no digits of its own. */
 export function shownError(value: number, unit: "rad" | "m"): string {
-  const figures = (v: number): string =>
-    Math.abs(v) >= 10
-      ? v.toFixed(1)
-      : Math.abs(v) >= 1e-4
-        ? v.toPrecision(2)
-        : Math.abs(v) < 1e-9
-          ? "0"
-          : v.toFixed(-Math.floor(Math.log10(Math.abs(v))));
-  if (unit === "m") return `${figures(value * 1000)} mm`;
-  return degrees.value ? `${figures((value * 180) / Math.PI)}°` : `${figures(value)} rad`;
+  const figures = (v: number, least: number): string => {
+    const size = Math.abs(v);
+    if (size === 0) return "0";
+    if (size < least) return `< ${least.toFixed(Math.round(-Math.log10(least)))}`;
+    return size >= 100 ? v.toFixed(0) : size >= 10 ? v.toFixed(1) : v.toPrecision(2);
+  };
+  if (unit === "m") return `${figures(value * 1000, 1e-3)} mm`;
+  return degrees.value ? `${figures((value * 180) / Math.PI, 1e-4)}°` : `${figures(value, 1e-5)} rad`;
 }
 
 export const unit = computed<"rad" | "m">(() => doc.value?.table.joints[0]?.unit ?? "rad");

@@ -28,16 +28,18 @@ function Table({ job }: { job: JobView }) {
   if (!found?.results) return null;
   const suites = [...new Set(found.results.map((r) => r.suite))];
   const text = (v: number | null | undefined): string =>
-    v === null || v === undefined ? "failed" : v.toFixed(4);
+    v === null || v === undefined
+      ? "failed"
+      : found.unit === "rad" || found.unit === "m"
+        ? store.shownError(v, found.unit)
+        : v.toPrecision(3);
   return (
     <>
       {suites.map((suite) => {
         const columns = found.results.filter((r) => r.suite === suite);
         return (
           <table key={suite} class="result" data-testid="eval-table">
-            <caption>
-              {suite}: Precision in {found.unit}, lower is better
-            </caption>
+            <caption>{suite}: mean error, lower is better</caption>
             <thead>
               <tr>
                 <th>task</th>
@@ -103,7 +105,7 @@ export function Job({ job }: { job: JobView }) {
           {device}
         </p>
       ) : null}
-      {job.progress?.note ? <p class="note">{job.progress.note}</p> : null}
+      {job.progress?.note && job.phase !== "done" ? <p class="note">{job.progress.note}</p> : null}
       <Charts kind={job.kind} points={() => figures(job.id)} />
       {job.kind === "eval" ? <Table job={job} /> : null}
       {imported ? (

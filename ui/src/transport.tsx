@@ -54,6 +54,24 @@ function Fade() {
   );
 }
 
+const counted = (n: number, what: string): string[] => (n ? [`${n} ${what}${n === 1 ? "" : "s"}`] : []);
+
+/** A clip is not cut before its last key without a word: that takes a click more. */
+function setLength(length: number): void {
+  const clip = store.doc.value?.clip;
+  if (!clip) return;
+  const beyond = (all: readonly { frame: number }[] = []): number =>
+    all.filter((x) => x.frame >= length).length;
+  const numbers = [beyond(clip.keys), beyond(clip.offsets), beyond(clip.markers)];
+  const all = numbers.reduce((sum, n) => sum + n, 0);
+  if (all === 0 || length < 1) return void edit("clip.length", { length });
+  const lost = ["key", "offset", "marker"].flatMap((what, i) => counted(numbers[i] ?? 0, what)).join(", ");
+  store.toast(`${lost} ${all === 1 ? "is" : "are"} at frame ${length} or later`, "error", false, "length", {
+    title: "Cut the clip there",
+    run: () => void edit("clip.length", { length, cut: true }),
+  });
+}
+
 export function Transport() {
   useEffect(() => startPlayback(), []);
   const text = useSignal<string | undefined>(undefined);
@@ -65,7 +83,7 @@ export function Transport() {
     if (t === undefined) return;
     const length = parseTime(t, store.fps.value);
     if (length === undefined) store.toast(`"${t}" is not a length: type 100, 5:00 or 5s`, "error");
-    else if (length !== store.length.value) void edit("clip.length", { length });
+    else if (length !== store.length.value) setLength(length);
   };
   const commit = (): void => {
     const t = text.value;

@@ -1,19 +1,21 @@
 // Keys, poses and markers: what is chosen, made, moved, copied.
 
-import { type Key, keyAt, keyEnd, nextKey, prevKey, replaced } from "../clip";
+import { clock, type Key, keyAt, keyEnd, nextKey, prevKey, replaced } from "../clip";
 import { type Fragment, fitted, fragmentOf, parseFragment } from "../clipboard";
 import { drawing, needsSpaceAndSite, toggleDrawing } from "../draw";
 import { deletePoints, needsPoint, nudgeValue } from "../graph/edits";
+import { endsOf, grown, pivotOf } from "../grow";
 import { sheetTab } from "../layout";
 import { toggleLock, unlockedOnly } from "../locks";
 import { menuByKey } from "../menu";
 import { deleteOffset, needsOffset } from "../offsets";
 import { needsSite, setPins, togglePin } from "../pins";
 import { addPose, barePose, cancelDrag, dropFloating, keyFloating } from "../posing";
+import type { Op } from "../protocol";
 import { nextSite } from "../reach";
 import * as store from "../store";
 import { timeline } from "../timeline/handle";
-import { edit, tell } from "../wire";
+import { applyOp, edit, tell } from "../wire";
 import { type Action, clip, dialog, needsKeys, needsTake, selected } from "./action";
 import { chosenJoint, needsJoint } from "./masks";
 import { needsMarker, seek } from "./playback";
@@ -93,13 +95,41 @@ export async function paste(mirrored: boolean): Promise<void> {
   const first = Math.min(...keys.map((k) => k.frame));
   const landing = keys.map((k) => k.frame - first + at);
   const lost = replaced(c, landing);
-  if (await edit("keys.paste", { at, keys, replace: true, mirrored, ...unlockedOnly() })) {
+  const op: Op = { op: "keys.paste", args: { at, keys, replace: true, mirrored, ...unlockedOnly() } };
+  if (
+    await editGrowing(
+      op,
+      endsOf(keys, (f) => f - first + at),
+      "Paste keys",
+    )
+  ) {
     store.selection.value = new Set(landing);
     tellReplaced(lost);
     const some =
       left.length > 3 ? `${left.slice(0, 3).join(", ")} and ${left.length - 3} more` : left.join(", ");
     if (left.length) store.toast(`left out, because this clip does not have them: ${some}`);
   }
+}
+
+/** An edit after which keys end at these frames; the clip grows for them, and that is said. */
+export async function editGrowing(op: Op, ends: readonly number[], label: string): Promise<boolean> {
+  const c = clip();
+  if (!c) return false;
+  const made = grown(c, op, ends, label);
+  const done = await applyOp(made.op);
+  if (done && made.length)
+    store.toast(`the clip is longer now: ${made.length} frames, ${clock(made.length, c.fps)}`, "info", true);
+  return done;
+}
+
+/** Changes the distances of keys by a factor, about the playhead if it is among them. */
+export async function retime(frames: number[], factor: number): Promise<void> {
+  const keys = clip()?.keys.filter((k) => frames.includes(k.frame)) ?? [];
+  const pivot = pivotOf(frames, store.playhead.value);
+  const to = (frame: number): number => Math.round(pivot + (frame - pivot) * factor);
+  const op: Op = { op: "keys.scale", args: { frames, pivot, factor } };
+  if (await editGrowing(op, endsOf(keys, to, factor), "Retime keys"))
+    store.selection.value = new Set(frames.map(to));
 }
 
 /** What stood where keys have landed is gone: that is said, with the way back. */
@@ -207,7 +237,13 @@ export const KEYS: Action[] = [
       const landing = f.map((x) => x + df);
       const c = clip();
       const lost = c ? replaced(c, landing) : 0;
-      void edit("keys.move", { frames: f, df, copy: true, replace: true }).then((ok) => {
+      const keys = c?.keys.filter((k) => f.includes(k.frame)) ?? [];
+      const op: Op = { op: "keys.move", args: { frames: f, df, copy: true, replace: true } };
+      void editGrowing(
+        op,
+        endsOf(keys, (x) => x + df),
+        "Duplicate keys",
+      ).then((ok) => {
         if (ok) {
           store.selection.value = new Set(landing);
           tellReplaced(lost);

@@ -98,7 +98,6 @@ export function Graph(props: { onHint: (text: string) => void }) {
       if (before !== parent.clientWidth) store.view.value = fit(store.length.value, size.value);
     });
     observer.observe(parent);
-    let hint = "";
     /** Draws and previews what a hand on a handle does; when it lets go there is one edit. */
     const shapeBy = async (make: (clip: Clip) => Bent | undefined, done: boolean): Promise<boolean> => {
       const clip = store.doc.value?.clip;
@@ -164,11 +163,7 @@ export function Graph(props: { onHint: (text: string) => void }) {
         }),
       chooseOffset: (frame) => (store.chosenOffset.value = frame),
       offsetMenu: (frame, x, y) => openMenu("Graph", { x, y }, offsetItems(frame)),
-      hint: (text) => {
-        if (text === hint) return;
-        hint = text;
-        props.onHint(text);
-      },
+      hint: props.onHint,
     });
     const stops = [hands.attach(), followSelection()];
     let queued = false;

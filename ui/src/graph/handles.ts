@@ -44,7 +44,7 @@ const FAR = 84;
 export function handles(s: Space, clip: Clip, joints: number[], chosen: ReadonlySet<string>): Handle[] {
   const own = points(clip, joints).filter((p) => chosen.has(nameOf(p)));
   // Of very many nobody could tell whose is whose.
-  if (own.length > 24) return [];
+  if (own.length > 12) return [];
   return own.flatMap((p) => both(s, clip, p));
 }
 

@@ -1,6 +1,7 @@
 // Pointer gestures of the graph. A gesture previews, and sends one edit when it ends; Esc cancels.
 
 import type { Clip } from "../clip";
+import { hold } from "../hand";
 import { frameToX, LABELS, RULER, xToFrame, zoomAt } from "../timeline/layout";
 import { type Handle, handles, slopeAt, type Top, tops, under as underOf } from "./handles";
 import {
@@ -136,6 +137,7 @@ export class Hands {
     this.canvas.setPointerCapture(e.pointerId);
     const begin = (kind: Press["kind"]): void => {
       this.press = { kind, x, y, moved: false, base: sheet.selection() };
+      if (kind !== "scrub") hold(() => this.cancel());
     };
     if (e.button === 1) return begin("pan");
     if (y < RULER) {

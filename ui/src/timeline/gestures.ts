@@ -2,7 +2,10 @@
 // and sends one edit when it ends, so that a drag is one entry in the history. Esc cancels.
 
 import { type Clip, clock, FPS, replaced } from "../clip";
+import { endsOf, pivotOf } from "../grow";
+import { hold } from "../hand";
 import { blocksOf } from "../layers";
+import type { Op } from "../protocol";
 import { jointsOf, LABELS, MARKERS, ROW, RULER, STRIP, switchAt, xToFrame, yToRow, zoomAt } from "./layout";
 import type { Sheet } from "./sheet";
 import { blockUnder, endAt, hit, markerAt, offsetUnder } from "./under";
@@ -84,6 +87,7 @@ export class Gestures {
         base: sheet.selection(),
         retime: this.retimeKey,
       };
+      if (kind !== "scrub") hold(() => this.cancel());
     };
     if (e.button === 1) return begin("pan");
     if (e.button !== 0) return;
@@ -165,6 +169,13 @@ export class Gestures {
     return Math.max(last + 1, Math.round(xToFrame(this.sheet.view(), x)));
   }
 
+  /** What stays when keys are retimed; a hand on that very key pulls it from the other end. */
+  private pivot(press: Press): number {
+    const frames = [...this.sheet.selection()];
+    const pivot = pivotOf(frames, this.sheet.playhead());
+    return pivot === press.frame && pivot !== this.sheet.playhead() ? Math.max(...frames) : pivot;
+  }
+
   /** Where the selected keys would land. */
   private landing(e: PointerEvent, x: number): { df: number; to: Map<number, number>; factor: number } {
     const { sheet, press } = this;
@@ -172,7 +183,7 @@ export class Gestures {
     const to = new Map<number, number>();
     const now = xToFrame(sheet.view(), x);
     if (press?.retime) {
-      const pivot = sheet.playhead();
+      const pivot = this.pivot(press);
       const span = press.frame - pivot;
       const factor = span === 0 ? 1 : Math.max(0.05, (now - pivot) / span);
       for (const f of frames) to.set(f, Math.max(0, Math.round(pivot + (f - pivot) * factor)));
@@ -249,7 +260,8 @@ export class Gestures {
       const { copy, ripple } = this.manner(e);
       sheet.hint(`${what}${copy ? ", copy" : ""}${ripple ? ", later keys too" : ""}`);
       const frames = [...sheet.selection()].sort((a, b) => a - b);
-      if (press.retime) sheet.follow({ op: "keys.scale", args: { frames, pivot: sheet.playhead(), factor } });
+      if (press.retime)
+        sheet.follow({ op: "keys.scale", args: { frames, pivot: this.pivot(press), factor } });
       else if (df !== 0) sheet.follow({ op: "keys.move", args: { frames, df, copy, ripple, replace: true } });
       else sheet.follow();
     }
@@ -357,7 +369,7 @@ export class Gestures {
     this.press = undefined;
     const frames = [...sheet.selection()].sort((a, b) => a - b);
     const { copy, ripple } = this.manner(e);
-    const pivot = sheet.playhead();
+    const pivot = this.pivot(press);
     const still = press.retime ? factor === 1 : df === 0;
     const clip = sheet.clip();
     if (frames.length === 0) {
@@ -366,11 +378,14 @@ export class Gestures {
       return sheet.follow();
     }
     const lost = clip && !press.retime ? replaced(clip, to.values(), copy ? [] : to.keys()) : 0;
-    const done = still
-      ? false
-      : press.retime
-        ? await sheet.edit({ op: "keys.scale", args: { frames, pivot, factor } })
-        : await sheet.edit({ op: "keys.move", args: { frames, df, copy, ripple, replace: true } });
+    const op: Op = press.retime
+      ? { op: "keys.scale", args: { frames, pivot, factor } }
+      : { op: "keys.move", args: { frames, df, copy, ripple, replace: true } };
+    // Copies and a slower motion need room; a key that is only moved stays in the clip.
+    const keys =
+      (press.retime || copy ? clip?.keys : undefined)?.filter((k) => frames.includes(k.frame)) ?? [];
+    const ends = endsOf(keys, (f) => to.get(f) ?? f, factor);
+    const done = !still && (await sheet.edit(op, ends));
     // By now another one may have begun.
     if (!this.press) sheet.preview(new Map(), undefined);
     if (!done) return sheet.follow();

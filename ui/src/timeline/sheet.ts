@@ -22,7 +22,8 @@ export interface Sheet {
   toggleMask(joints: number[]): void;
   preview(dragged: ReadonlyMap<number, number>, box: BoxSelect | undefined): void;
   /** Resolves when it is made (true) or refused. */
-  edit(op: Op): Promise<boolean>;
+  /** With the frames where keys end then: the clip grows for them. */
+  edit(op: Op, ends?: readonly number[]): Promise<boolean>;
   /** Keys that stood where others have landed are gone. */
   overwrote(count: number): void;
   /** The end of the clip as a drag would leave it. */

@@ -3,7 +3,7 @@
 import { effect, useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { act, blockItems, markerItems, offsetItems, startItems } from "../actions/index";
-import { tellReplaced } from "../actions/keys";
+import { editGrowing, tellReplaced } from "../actions/keys";
 import { orderBlocks } from "../actions/layers";
 import { chosenJoint, noJointMask, setFill, toggleMask } from "../actions/masks";
 import { fillAfter, keyAt, keyEnd, nextKey, prevKey, values } from "../clip";
@@ -19,7 +19,7 @@ import { SheetTabs } from "../sheet_tabs";
 import { siteTitle } from "../sites";
 import * as store from "../store";
 import { colors, palette, takeColor } from "../theme";
-import { applyOp, tell } from "../wire";
+import { tell } from "../wire";
 import { draw, forgetHatches } from "./draw";
 import { Gestures } from "./gestures";
 import { timeline } from "./handle";
@@ -63,7 +63,6 @@ export function Timeline(props: { onHint: (text: string) => void }) {
       size.value = { width: parent.clientWidth, height: parent.clientHeight };
     });
     observer.observe(parent);
-    let hint = "";
     const sheet: Sheet = {
       clip: () => store.doc.value?.clip,
       rows: () => rows(),
@@ -91,9 +90,9 @@ export function Timeline(props: { onHint: (text: string) => void }) {
         box.value = b;
       },
       previewEnd: (length) => (end.value = length),
-      edit: (op) => {
+      edit: (op, ends = []) => {
         endPreview();
-        return applyOp(op);
+        return editGrowing(op, ends, op.op === "keys.scale" ? "Retime keys" : "Copy keys");
       },
       overwrote: tellReplaced,
       follow: (op) => {
@@ -124,11 +123,7 @@ export function Timeline(props: { onHint: (text: string) => void }) {
       previewOffset: (of) => (offsetDrag.value = of),
       carry: (of) => (carried.value = of),
       order: (block, place) => void orderBlocks(block, place),
-      hint: (text) => {
-        if (text === hint) return;
-        hint = text;
-        props.onHint(text);
-      },
+      hint: props.onHint,
     };
     const stop = new Gestures(element, sheet).attach();
     let queued = false;
@@ -384,6 +379,13 @@ export function menuOf(target: Target): Item[] {
     item("Smooth curve to the next key", "", () => setFill("cubic")),
     item("Hold until the next key", "", () => setFill("hold")),
     item("Copy", "Ctrl+C", () => act("copy")),
+    item("Paste here", "Ctrl+V", () => {
+      store.playhead.value = frame;
+      act("paste");
+    }),
+    item("Duplicate", "Ctrl+D", () => act("duplicate")),
+    item("Retime…", "S", () => act("retime")),
+    item("Thin out…", "T", () => act("sparsify")),
     item("Mirror", "", () => act("mirror"), store.noMirror.value),
     item("Save as pose…", "P", () => {
       store.playhead.value = frame;
