@@ -38,6 +38,9 @@ const WORK: usize = 2_000_000;
 /// Searches from elsewhere for a goal that seems out of reach.
 const RESTARTS: u32 = 8;
 
+/// A joint that goes farther than this from one frame of a path to the next jumps to another solution, rad or m.
+const JUMP: f64 = 0.5;
+
 /// Iterations of each search after that work is used up. A path is still followed from frame to
 /// frame.
 const LATE_ITERATIONS: u32 = 4;
@@ -189,10 +192,11 @@ impl<'a> Solver<'a> {
                     self.search(&starts, &posture, &targets(&key.reach), RESTARTS)
                 };
                 // Joints that do not move the points have the posture's values.
-                for at in self.to_state.iter().flatten() {
-                    if !self.movers[i].contains(at) {
-                        found.state[*at] = posture[*at];
-                    }
+                let others = self.to_state.iter().flatten();
+                for &at in
+                    others.filter(|at| key.goal == Goal::Open && !self.movers[i].contains(at))
+                {
+                    found.state[at] = posture[at];
                 }
                 self.note(i, key.frame, &key.reach, &found);
                 self.found.rows[i] = Some(self.row(i, key, &found.state));
@@ -232,7 +236,14 @@ impl<'a> Solver<'a> {
             let goals = path.goals(frame);
             // On its way a point does not jump to another solution.
             let near = drawn(&state, &self.posture(frame));
-            let found = self.search(&[&state], &near, &targets(&goals), restarts);
+            let mut found = self.search(&[&state], &near, &targets(&goals), 0);
+            if !found.reached && restarts > 0 {
+                let other = self.search(&[&state], &near, &targets(&goals), restarts);
+                let way = state.iter().zip(&other.state).map(|(a, b)| (a - b).abs());
+                if other.reached && way.fold(0.0, f64::max) < JUMP {
+                    found = other;
+                }
+            }
             // Where a goal is out of reach, the next one probably is, too.
             restarts = if found.reached { RESTARTS } else { 0 };
             let values = moved.iter().map(|&(j, at)| (j, found.state[at])).collect();

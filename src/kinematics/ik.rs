@@ -93,13 +93,13 @@ impl Kinematics {
         pairs: &[(Point, Point)],
         config: &IkConfig,
     ) -> Result<IkResult, UnknownPoint> {
-        let mut best = self.ik_from(start, targets, pairs, config)?;
+        let (mut best, searched) = self.ik_from(start, targets, pairs, config)?;
         for restart in 0..config.restarts {
             if best.reached {
                 break;
             }
-            let elsewhere = self.elsewhere(start, restart, config);
-            let found = self.ik_from(&elsewhere, targets, pairs, config)?;
+            let elsewhere = self.elsewhere(start, restart, &searched);
+            let (found, _) = self.ik_from(&elsewhere, targets, pairs, config)?;
             let used = best.iterations + found.iterations;
             // A solution that is as far off would only be a jump.
             if found.reached {
@@ -110,12 +110,12 @@ impl Kinematics {
         Ok(best)
     }
 
-    /// A place to search from, farther from `start` with every second restart: part of the way to random values
-    /// within the ranges.
-    fn elsewhere(&self, start: &[f64], restart: u32, config: &IkConfig) -> Vec<f64> {
+    /// A place to search from, farther from `start` with every second restart: the `searched` joints are part of the
+    /// way to random values within their ranges.
+    fn elsewhere(&self, start: &[f64], restart: u32, searched: &[usize]) -> Vec<f64> {
         let share = 0.15 * f64::from(1 + restart / 2);
         let mut state = start.to_vec();
-        for i in self.free_joints(config) {
+        for &i in searched {
             let [lo, hi] = self.joints[i].range.unwrap_or([start[i] - 1.5, start[i] + 1.5]);
             let goal = lo + (hi - lo) * fraction(u64::from(restart) << 32 | i as u64);
             state[i] += share.min(1.0) * (goal - state[i]);
@@ -123,14 +123,14 @@ impl Kinematics {
         state
     }
 
-    /// One search.
+    /// One search; also the joints that it moved, sorted.
     fn ik_from(
         &self,
         start: &[f64],
         targets: &[Target],
         pairs: &[(Point, Point)],
         config: &IkConfig,
-    ) -> Result<IkResult, UnknownPoint> {
+    ) -> Result<(IkResult, Vec<usize>), UnknownPoint> {
         let mut pulls = targets.iter().map(|t| self.pull(t)).collect::<Result<Vec<_>, _>>()?;
         for (a, b) in pairs {
             let (id, goal) = (self.point(a)?, Goal::Point(self.point(b)?));
@@ -152,6 +152,7 @@ impl Kinematics {
         let tendons: Vec<Vec<Share>> = self.tendons.iter().filter(pulled).cloned().collect();
         let wanted = pulls.len();
         pulls.extend(&closures);
+        let searched = free.clone();
         let mut search = Search::new(self, &pulls, free, config);
         search.tendons = &tendons;
         let mut used = 0;
@@ -172,7 +173,7 @@ impl Kinematics {
         let error = search.error(&self.world(&state), &state);
         let (distances_m, angles_rad) = search.measure(&error);
         let most = |v: &[f64]| v.iter().copied().fold(0.0, f64::max);
-        Ok(IkResult {
+        let result = IkResult {
             reached: search.is_reached(&error, 1.0) && is_closed,
             distance_m: most(&distances_m),
             angle_rad: most(&angles_rad),
@@ -180,7 +181,8 @@ impl Kinematics {
             distances_m,
             angles_rad,
             iterations: used,
-        })
+        };
+        Ok((result, searched))
     }
 
     fn pull(&self, t: &Target) -> Result<Pull, UnknownPoint> {

@@ -12,6 +12,7 @@ use super::ilqr::IlqrConfig;
 use super::inference::Inference;
 use super::judge::Judge;
 use super::learner::Learner;
+use super::natural::{counted, unnatural_but_for_jolts};
 use super::policy::Policy;
 use super::policy_config::PolicyConfig;
 use super::policy_name::PolicyName;
@@ -112,8 +113,9 @@ impl Contest {
     ) -> Option<(PolicyConfig, Trial)> {
         let policy = PolicyConfig { ilc: motion.shift().is_some(), ..self.policy(at).clone() };
         let trial = Trial::of(&policy, motion);
-        // A planner's motion was compared with the best of the others, by rules of its own.
-        let planned = at >= self.policies.len() && trial.is_near(near(tried));
+        // A planner that is far nearer than the others is worth a jolt.
+        let gaps = counted(unnatural_but_for_jolts(motion));
+        let planned = at >= self.policies.len() && leads(tried, &Trial { gaps, ..trial.clone() });
         (planned || leads(tried, &trial)).then_some((policy, trial))
     }
 }

@@ -52,12 +52,7 @@ impl Trial {
 
     /// The score of a motion whose Precision is not above `limit`.
     fn score_below(&self, limit: f64) -> Option<f64> {
-        self.score().filter(|_| self.is_near(limit))
-    }
-
-    /// Whether its Precision is not above `limit`.
-    pub(super) fn is_near(&self, limit: f64) -> bool {
-        self.precision.is_some_and(|p| p <= limit)
+        self.score().filter(|_| self.precision.is_some_and(|p| p <= limit))
     }
 }
 

@@ -356,7 +356,7 @@ fn a_table_with_two_starts_or_a_part_of_one_is_refused() {
     let (head, rows) = text.split_once('\n').unwrap();
     for (start, said) in [
         ("-1,-0.05,0,0,0,0,0,0\n-1,-0.05,0,0,0,0,0,1\n", "b.csv:3:1: "),
-        ("-1,-0.05,0,0,0,0,0,\n", "no value for some joints"),
+        ("-1,-0.05,0,0,0,0,0,\n", "b.csv:2:1: the start (frame -1) needs a value"),
     ] {
         fs::write(ran.path("b.csv"), format!("{head}\n{start}{rows}")).unwrap();
         let convert = ["clip", "convert", "b.csv", "b.clip.json", "--robot", "ur5e", "--force"];

@@ -347,6 +347,25 @@ fn poses_are_judged_by_the_checker() {
 
 /// J2 follows J1, and J3 follows J2.
 #[test]
+fn keys_are_judged_where_their_free_joints_do_not_move_along() {
+    let judged = |row: [Option<f64>; 3], table: &JointTable| {
+        let c = clip(vec![Key::with(0, Goal::Q(row.to_vec())).held(60)]);
+        let lints = lint(&c, &compile(&c).unwrap(), table, Some(&mut Wall));
+        lints.iter().any(|l| l.rule == Rule::Unreachable)
+    };
+    let free = [None, None, Some(1.8)];
+    assert!(judged(free, &table()), "the others have motors of their own");
+    assert!(judged([Some(1.8), Some(1.8), None], &table()));
+    // Where the second joint has to be, only the tendon knows.
+    assert!(!judged([Some(1.8), None, None], &table()));
+    let mut spatial = table();
+    spatial.couplings.clear();
+    spatial.joints[1].moves_alone = false;
+    assert!(!judged(free, &spatial), "it may hang on a motor with the third");
+    assert!(judged([None, Some(0.0), Some(1.8)], &spatial));
+}
+
+#[test]
 fn joints_that_follow_may_be_left_free() {
     let mut table = table();
     let follows = |name: &str, leader: &str, coef: f64| Coupling {

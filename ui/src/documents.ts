@@ -5,7 +5,7 @@ import { openDialog } from "./dialog";
 import { forgetPose } from "./posing";
 import type { DocumentView } from "./protocol";
 import { closeReference } from "./reference";
-import { restoredOf } from "./restored";
+import { recoveredOf, restoredOf } from "./restored";
 import * as store from "./store";
 import { complain, http, Refusal, tell } from "./wire";
 
@@ -13,7 +13,7 @@ import { complain, http, Refusal, tell } from "./wire";
 export function adopt(d: DocumentView | null): void {
   const before = store.doc.value;
   batch(() => {
-    store.doc.value = d ? { ...d, restored: restoredOf(d) } : undefined;
+    store.doc.value = d ? { ...d, restored: restoredOf(d), recovered: recoveredOf(d) } : undefined;
     // What the page asks for and shows of a robot is of this clip's, or waits for it.
     if (store.robot.value?.id !== d?.clip.robot.id) store.robot.value = undefined;
     if (!d) {

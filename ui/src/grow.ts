@@ -15,9 +15,12 @@ export function grown(
   return { op: { op: "batch", args: { label, ops: [{ op: "clip.length", args: { length } }, op] } }, length };
 }
 
-/** The frames after keys that go to other frames; they keep their holds unless these are scaled. */
-export function endsOf(keys: readonly Key[], to: (frame: number) => number, factor = 1): number[] {
-  return keys.map((k) => to(k.frame) + Math.max(1, Math.round((keyEnd(k) - k.frame) * factor)));
+/** The frames after keys that go to other frames. A key of one frame stays one; a longer hold ends where its end goes. */
+export function endsOf(keys: readonly Key[], to: (frame: number) => number): number[] {
+  return keys.map((k) => {
+    const least = to(k.frame) + 1;
+    return (k.hold ?? 1) > 1 ? Math.max(least, to(keyEnd(k))) : least;
+  });
 }
 
 /** The frame that stays where it is when keys are retimed: the playhead if it is among them, else the first of them.

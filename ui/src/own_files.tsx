@@ -4,7 +4,7 @@ import { CircleDashed, FileText, X } from "lucide";
 import { opening, refreshGallery } from "./documents";
 import { Icon } from "./icon";
 import type { DocumentView, Draft } from "./protocol";
-import { restoredOf, setAnswered } from "./restored";
+import { recoveredOf, setAnswered } from "./restored";
 import * as store from "./store";
 import { Thumbnail } from "./thumbnail";
 import { complain, http } from "./wire";
@@ -12,7 +12,7 @@ import { complain, http } from "./wire";
 /** A clip that was never saved. Who left it for another one knows that its edits are there. */
 async function reopened(of: Draft): Promise<DocumentView> {
   const view = await http("POST /api/drafts/{number}", { at: { number: of.number } });
-  if (!of.abandoned) setAnswered({ ...view, restored: restoredOf(view) });
+  if (!of.abandoned) setAnswered({ ...view, recovered: recoveredOf(view) });
   return view;
 }
 

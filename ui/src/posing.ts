@@ -120,6 +120,8 @@ export async function jointMoved(
     return tell("preview.end");
   }
   if (!keyAt(d.clip, frame) && !store.autoKey.value && !store.shaping.value) {
+    // A floating pose is the playhead's.
+    if (frame !== store.playhead.value) return;
     const q = store.floating.value ?? poseAt(d.clip, frame);
     store.floating.value = d.clip.robot.joints.map((name, j) => changes[name] ?? q[j] ?? 0);
     tell("view.pose", { q: inRobotOrder(store.floating.value) });

@@ -9,21 +9,26 @@ const PLACE = "restored";
 
 const answered = signal<readonly string[]>(JSON.parse(globalThis.sessionStorage?.getItem(PLACE) ?? "[]"));
 
+/** Edits, undos and redos that came back. */
+export function recoveredOf(d: DocumentView): number {
+  return d.restored?.edits ?? 0;
+}
+
 /** How many edits came back. What had been undone before is none. */
 export function restoredOf(d: DocumentView): number {
-  return Math.min(d.restored?.edits ?? 0, d.history.done);
+  return Math.min(recoveredOf(d), d.history.done);
 }
 
 /** Numbers of documents begin anew with each studio, so what was restored is part of the name. */
-function nameOf(d: Pick<Document, "path" | "opened" | "restored">): string {
-  return [d.path ?? "", d.opened, d.restored].join(":");
+function nameOf(d: Pick<Document, "path" | "opened" | "recovered">): string {
+  return [d.path ?? "", d.opened, d.recovered].join(":");
 }
 
-export function isAnswered(d: Pick<Document, "path" | "opened" | "restored">): boolean {
+export function isAnswered(d: Pick<Document, "path" | "opened" | "recovered">): boolean {
   return answered.value.includes(nameOf(d));
 }
 
-export function setAnswered(d: Pick<Document, "path" | "opened" | "restored">): void {
+export function setAnswered(d: Pick<Document, "path" | "opened" | "recovered">): void {
   answered.value = [...answered.value, nameOf(d)];
   globalThis.sessionStorage?.setItem(PLACE, JSON.stringify(answered.value));
 }

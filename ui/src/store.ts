@@ -34,7 +34,10 @@ export interface Document {
   dirty: boolean;
   history: History;
   table: JointTable;
+  /** Edits that came back and are done. */
   restored: number;
+  /** Edits that came back when the document was opened. */
+  recovered: number;
   findings: Findings;
 }
 

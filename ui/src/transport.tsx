@@ -58,8 +58,9 @@ const counted = (n: number, what: string): string[] => (n ? [`${n} ${what}${n ==
 
 /** A clip is not cut before its last key without a word: that takes a click more. */
 function setLength(length: number): void {
-  const clip = store.doc.value?.clip;
-  if (!clip) return;
+  const d = store.doc.value;
+  if (!d) return;
+  const { clip, opened, rev } = d;
   const beyond = (all: readonly { frame: number }[] = []): number =>
     all.filter((x) => x.frame >= length).length;
   const numbers = [beyond(clip.keys), beyond(clip.offsets), beyond(clip.markers)];
@@ -68,7 +69,13 @@ function setLength(length: number): void {
   const lost = ["key", "offset", "marker"].flatMap((what, i) => counted(numbers[i] ?? 0, what)).join(", ");
   store.toast(`${lost} ${all === 1 ? "is" : "are"} at frame ${length} or later`, "error", false, "length", {
     title: "Cut the clip there",
-    run: () => void edit("clip.length", { length, cut: true }),
+    run: () => {
+      const now = store.doc.value;
+      if (now?.opened !== opened) return;
+      // What came meanwhile was not counted.
+      if (now.rev === rev) void edit("clip.length", { length, cut: true });
+      else setLength(length);
+    },
   });
 }
 

@@ -152,9 +152,8 @@ impl Plan<'_> {
                     (motion::with_model(source.robot()?, &keys)?, open)
                 } else {
                     // Keyframes alone have no bodies to show.
-                    let robot = &source.robot()?;
-                    let open =
-                        format!("robert clip convert {out} again.clip.json --robot {}", robot.id());
+                    let robot = &take.robot.id;
+                    let open = format!("robert clip convert {out} again.clip.json --robot {robot}");
                     (keys, open)
                 };
                 (

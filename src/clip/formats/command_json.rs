@@ -35,7 +35,7 @@ pub fn to_command_json(command: &Command, robot: &str) -> String {
                 .iter()
                 .enumerate()
                 .map(|(j, v)| command.sees(t, j).then_some(*v))
-                .collect()
+                .collect::<Vec<Option<f32>>>()
         })
     };
     let document = Document {
@@ -50,16 +50,16 @@ pub fn to_command_json(command: &Command, robot: &str) -> String {
     let empty = json::line(&document);
     let mut text = empty.trim_end_matches("]}").to_owned();
     // One line for each frame with goals, and one for each run of masked frames.
-    let mut before: Option<Option<Vec<Option<f32>>>> = None;
+    let mut masked: Option<bool> = None;
     for t in 0..command.frames() {
         let row = row(t);
-        match &before {
+        match masked {
             None => {}
-            Some(None) if row.is_none() => text.push(','),
+            Some(true) if row.is_none() => text.push(','),
             Some(_) => text.push_str(",\n"),
         }
         text.push_str(&json::line(&row));
-        before = Some(row);
+        masked = Some(row.is_none());
     }
     text.push_str("]}\n");
     text

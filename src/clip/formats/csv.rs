@@ -122,6 +122,10 @@ pub fn from_csv(bytes: &[u8], robot: Option<&RobotRef>, fill: Fill) -> Result<Cl
         if let Some(column) = head.frame {
             let at = number(column)?;
             if at == Some(-1.0) {
+                if row.contains(&None) {
+                    let message = "the start (frame -1) needs a value for every joint";
+                    return Err(ClipError::at(message, line, column + 1));
+                }
                 if track.start.replace(row).is_some() {
                     let message = "there are two rows for the start (frame -1)";
                     return Err(ClipError::at(message, line, column + 1));

@@ -53,6 +53,8 @@ pub(super) fn joints(
 /// An actuator to write: a motor, or a servo with its law.
 struct Motor {
     name: String,
+    /// Whether the name is that of what it pulls at.
+    is_nameless: bool,
     attribute: &'static str,
     target: String,
     gear: f64,
@@ -129,6 +131,7 @@ pub(super) fn actuators(
             }
             motors.push(Motor {
                 name: name.to_owned(),
+                is_nameless: true,
                 attribute: "joint",
                 target: name.to_owned(),
                 gear: 1.0,
@@ -167,17 +170,7 @@ pub(super) fn actuators(
         ("limited", limited),
         ("range", ranges),
     ];
-    // A nameless actuator got the name of what it pulls at, which another one may have, too.
-    let mut taken = BTreeSet::new();
-    for motor in &mut motors {
-        let stem = motor.name.clone();
-        for n in 2.. {
-            if taken.insert(motor.name.clone()) {
-                break;
-            }
-            motor.name = format!("{stem}_{n}");
-        }
-    }
+    number_alike(draft, model, &mut motors);
     let mut xml = without_actuators(draft, config)?;
     for (attribute, values) in attributes {
         xml = text::with_joints(&xml, attribute, &values).map_err(|e| {
@@ -196,6 +189,28 @@ pub(super) fn actuators(
     motors.iter().for_each(|m| m.write(&mut section));
     section.push_str("</actuator>");
     draft.append(&section, &config.source)
+}
+
+/// Gives actuators names of their own: a nameless one got that of what it pulls at, which another one may have, too.
+fn number_alike(draft: &mut Draft, model: &Model, motors: &mut [Motor]) {
+    let written: BTreeSet<&str> =
+        (0..model.nu()).filter_map(|a| model.name(Kind::Actuator, a)).collect();
+    let mut taken = BTreeSet::new();
+    for motor in motors {
+        if taken.insert(motor.name.clone())
+            && (!motor.is_nameless || !written.contains(&*motor.name))
+        {
+            continue;
+        }
+        let free = |name: &String| !taken.contains(name) && !written.contains(name.as_str());
+        let names = (2..).map(|n| format!("{}_{n}", motor.name));
+        let Some(name) = names.into_iter().find(free) else { continue };
+        draft
+            .changed
+            .push(format!("a nameless actuator of \"{}\" is called \"{name}\"", motor.target));
+        taken.insert(name.clone());
+        motor.name = name;
+    }
 }
 
 /// The slides without stops that position servos drive, by name.
@@ -261,6 +276,7 @@ fn motor(
         }
     };
     let name = called.unwrap_or(&target).to_owned();
+    let is_nameless = called.is_none();
     let gear = model.actuator_gear()[6 * a];
     let gain = model.actuator_gainprm()[10 * a];
     if is_damper(model, a) {
@@ -276,14 +292,32 @@ fn motor(
         if undamped {
             law.bias[2] = 0.0;
         }
-        return Some(Motor { name, attribute, target, gear, limit, servo: Some(law), force });
+        return Some(Motor {
+            name,
+            is_nameless,
+            attribute,
+            target,
+            gear,
+            limit,
+            servo: Some(law),
+            force,
+        });
     }
     let effort = efforts.actuator(model, a);
     if draft.effortless.contains(&target) {
         let words = efforts.words(effort, effort);
         draft.assumed.push(format!("joint \"{target}\" gives no effort: a motor of {words}"));
         let limit = [-effort, effort];
-        return Some(Motor { name, attribute, target, gear, limit, servo: None, force: None });
+        return Some(Motor {
+            name,
+            is_nameless,
+            attribute,
+            target,
+            gear,
+            limit,
+            servo: None,
+            force: None,
+        });
     }
     let limit = match (is_motor(model, a), ctrlrange(model, a), force) {
         (true, Some([lo, hi]), None) => [lo * gain, hi * gain],
@@ -310,7 +344,7 @@ fn motor(
             [-effort, effort]
         }
     };
-    Some(Motor { name, attribute, target, gear, limit, servo: None, force: None })
+    Some(Motor { name, is_nameless, attribute, target, gear, limit, servo: None, force: None })
 }
 
 /// `mjGAIN_FIXED` and `mjGAIN_MUSCLE`.

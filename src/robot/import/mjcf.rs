@@ -143,9 +143,9 @@ pub(super) fn draft(project: &preparse::Project, config: &ImportConfig) -> Resul
     weld(&doc, path, config, &mut draft, &mut edits)?;
     let other = loosened == Loosened::Others || split || !config.weld.is_empty();
     for key in doc.root_element().children().filter(|n| n.has_tag_name("keyframe")) {
-        if !other && loosened == Loosened::First && held_keys(&doc, key, &mut edits) {
-            draft.changed.push("the place of the base left the keyframes".to_owned());
-        } else if other || loosened != Loosened::Nothing {
+        let first = !other && loosened == Loosened::First;
+        let held = first && held_keys(&doc, key, &mut draft, &mut edits);
+        if !held && (other || loosened != Loosened::Nothing) {
             edits.replace(key.range(), blank(&named, key));
             once(&mut draft.dropped, "keyframes: their qpos counts the joints that were replaced");
         }
@@ -347,7 +347,12 @@ const FREE: [(&str, usize); 2] = [("qpos", 7), ("qvel", 6)];
 
 /// Takes the coordinates of the free joint at their beginning from the keyframes of a section; false, and nothing
 /// is edited, if they have another number of coordinates than the model's hinges and slides need.
-fn held_keys(doc: &Document<'_>, section: Node<'_, '_>, edits: &mut Edits) -> bool {
+fn held_keys(
+    doc: &Document<'_>,
+    section: Node<'_, '_>,
+    draft: &mut Draft,
+    edits: &mut Edits,
+) -> bool {
     let joints: Vec<_> = loose::joints(doc).collect();
     if joints
         .iter()
@@ -365,6 +370,9 @@ fn held_keys(doc: &Document<'_>, section: Node<'_, '_>, edits: &mut Edits) -> bo
             }
             kept.push((key, attribute, numbers[free..].join(" ")));
         }
+    }
+    if !kept.is_empty() {
+        once(&mut draft.changed, "keyframes: without the place of the base");
     }
     kept.iter().for_each(|(key, attribute, numbers)| edits.set(*key, attribute, numbers));
     true

@@ -189,6 +189,10 @@ impl Jobs {
             }
             self.with(id, |job| {
                 job.exit = exit;
+                if exit == Some(0) && job.kind == JobKind::Import {
+                    // The sent files are in the robot's folder now.
+                    job.extra.scratch = None;
+                }
                 job.phase = match exit {
                     Some(0) => JobPhase::Done,
                     Some(130) => JobPhase::Interrupted,

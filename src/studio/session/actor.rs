@@ -4,7 +4,7 @@
 //! simulation perform it, and tells everyone what has changed. It never waits for a disk: what
 //! changes the document is passed on to the writer. If this thread panics the process ends.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 
@@ -38,10 +38,6 @@ pub(super) struct SessionActor {
 pub(super) struct Judgement {
     /// Verdicts; the key is the bits of the pose's values, in state order.
     pub(super) verdicts: BTreeMap<Vec<u64>, Checked>,
-    /// Poses on which the simulation failed; a second failure is taken for a verdict.
-    pub(super) failed: BTreeSet<Vec<u64>>,
-    /// Whether the last question failed, so that the next one is about a single pose.
-    pub(super) singly: bool,
     /// Whether a question is under way.
     pub(super) asking: bool,
 }
@@ -281,7 +277,6 @@ impl SessionActor {
         self.shown = None;
         self.simulation.cancel();
         self.judgement.verdicts.clear();
-        self.judgement.failed.clear();
         self.previewing = false;
     }
 }

@@ -51,13 +51,10 @@ impl SessionActor {
         if self.shown.is_none() {
             return;
         }
-        let (findings, mut unknown) = self.findings();
+        let (findings, unknown) = self.findings();
         self.simulation.rollout.set_unreached(self.unreached(&findings));
         self.hub.send(&Event::Findings(findings));
         let Some(robot) = self.simulation.robot() else { return };
-        if self.judgement.singly {
-            unknown.truncate(1);
-        }
         if unknown.is_empty() || self.judgement.asking {
             return;
         }
@@ -106,18 +103,9 @@ impl SessionActor {
         if known.verdicts.len() >= 2 * JUDGED {
             known.verdicts.clear();
         }
-        known.singly = verdicts.is_err();
-        match (verdicts, poses) {
-            (Ok(verdicts), _) => {
-                known.verdicts.extend(poses.iter().map(|pose| bits(pose)).zip(verdicts));
-            }
-            // A pose that kills the simulation must not be sent to it again and again.
-            (Err(_), [pose]) if !known.failed.insert(bits(pose)) => {
-                known.verdicts.insert(bits(pose), Checked::default());
-            }
-            // The simulation may have ended for another reason.
-            (Err(_), _) => {}
-        }
+        // A pose that kills the simulation must not be sent to it again: after a few deaths it stays away.
+        let verdicts = verdicts.unwrap_or_else(|_| vec![Checked::default(); poses.len()]);
+        known.verdicts.extend(poses.iter().map(|pose| bits(pose)).zip(verdicts));
         self.tell_findings();
     }
 }

@@ -128,8 +128,7 @@ export async function retime(frames: number[], factor: number): Promise<void> {
   const pivot = pivotOf(frames, store.playhead.value);
   const to = (frame: number): number => Math.round(pivot + (frame - pivot) * factor);
   const op: Op = { op: "keys.scale", args: { frames, pivot, factor } };
-  if (await editGrowing(op, endsOf(keys, to, factor), "Retime keys"))
-    store.selection.value = new Set(frames.map(to));
+  if (await editGrowing(op, endsOf(keys, to), "Retime keys")) store.selection.value = new Set(frames.map(to));
 }
 
 /** What stood where keys have landed is gone: that is said, with the way back. */

@@ -17,7 +17,7 @@ import { heard } from "../reference";
 import { SheetTabs } from "../sheet_tabs";
 import * as store from "../store";
 import { colors, hue, palette } from "../theme";
-import { timeline } from "../timeline/handle";
+import { type TimelineHandle, timeline } from "../timeline/handle";
 import { fit } from "../timeline/layout";
 import { menuOf } from "../timeline/timeline";
 import { applyOp, tell } from "../wire";
@@ -249,7 +249,7 @@ export function Graph(props: { onHint: (text: string) => void }) {
         requestAnimationFrame(draw);
       }),
     );
-    timeline.value = {
+    const own: TimelineHandle = {
       fit: () => {
         touched.value = false;
         store.view.value = fit(store.length.value, size.value);
@@ -276,10 +276,12 @@ export function Graph(props: { onHint: (text: string) => void }) {
         else store.toast("there is no key at the playhead");
       },
     };
+    timeline.value = own;
     return () => {
       stops.forEach((stop) => stop());
       observer.disconnect();
-      timeline.value = undefined;
+      // The timeline may have come already.
+      if (timeline.value === own) timeline.value = undefined;
     };
   }, []);
 

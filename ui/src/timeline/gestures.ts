@@ -384,7 +384,8 @@ export class Gestures {
     // Copies and a slower motion need room; a key that is only moved stays in the clip.
     const keys =
       (press.retime || copy ? clip?.keys : undefined)?.filter((k) => frames.includes(k.frame)) ?? [];
-    const ends = endsOf(keys, (f) => to.get(f) ?? f, factor);
+    const there = (f: number): number => (press.retime ? Math.round(pivot + (f - pivot) * factor) : f + df);
+    const ends = endsOf(keys, there);
     const done = !still && (await sheet.edit(op, ends));
     // By now another one may have begun.
     if (!this.press) sheet.preview(new Map(), undefined);

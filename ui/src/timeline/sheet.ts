@@ -21,8 +21,7 @@ export interface Sheet {
   toggleLock(joints: number[]): void;
   toggleMask(joints: number[]): void;
   preview(dragged: ReadonlyMap<number, number>, box: BoxSelect | undefined): void;
-  /** Resolves when it is made (true) or refused. */
-  /** With the frames where keys end then: the clip grows for them. */
+  /** Resolves when it is made (true) or refused. The clip grows for `ends`, the frames where keys end then. */
   edit(op: Op, ends?: readonly number[]): Promise<boolean>;
   /** Keys that stood where others have landed are gone. */
   overwrote(count: number): void;

@@ -171,7 +171,8 @@ export function Timeline(props: { onHint: (text: string) => void }) {
         openKey(store.playhead.value);
       else store.toast("there is no key at the playhead");
     };
-    timeline.value = { fit: fitAll, menu, step, enter };
+    const own = { fit: fitAll, menu, step, enter };
+    timeline.value = own;
     const paint = (): void => {
       queued = false;
       const d = store.doc.value;
@@ -285,7 +286,8 @@ export function Timeline(props: { onHint: (text: string) => void }) {
       dispose();
       observer.disconnect();
       themed();
-      timeline.value = undefined;
+      // The graph may have come already.
+      if (timeline.value === own) timeline.value = undefined;
     };
   }, []);
 

@@ -142,10 +142,10 @@ pub(crate) fn transforms(
     Ok(out)
 }
 
-/// Inverse kinematics.
 /// Searches from elsewhere while a point is dragged; few, because each answer is waited for.
 const RESTARTS: u32 = 2;
 
+/// Inverse kinematics.
 pub(crate) fn ik(
     robot: &Robot,
     data: &mut Data,
