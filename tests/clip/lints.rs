@@ -345,7 +345,6 @@ fn poses_are_judged_by_the_checker() {
     assert_eq!(lint(&c, &compile(&c).unwrap(), &table(), Some(&mut Wall)), []);
 }
 
-/// J2 follows J1, and J3 follows J2.
 #[test]
 fn keys_are_judged_where_their_free_joints_do_not_move_along() {
     let judged = |row: [Option<f64>; 3], table: &JointTable| {
@@ -355,9 +354,9 @@ fn keys_are_judged_where_their_free_joints_do_not_move_along() {
     };
     let free = [None, None, Some(1.8)];
     assert!(judged(free, &table()), "the others have motors of their own");
-    assert!(judged([Some(1.8), Some(1.8), None], &table()));
-    // Where the second joint has to be, only the tendon knows.
-    assert!(!judged([Some(1.8), None, None], &table()));
+    assert!(judged([Some(0.5), Some(1.8), None], &table()));
+    // Where the first joint has to be, only the tendon knows.
+    assert!(!judged([None, Some(1.8), None], &table()));
     let mut spatial = table();
     spatial.couplings.clear();
     spatial.joints[1].moves_alone = false;
@@ -365,6 +364,7 @@ fn keys_are_judged_where_their_free_joints_do_not_move_along() {
     assert!(judged([None, Some(0.0), Some(1.8)], &spatial));
 }
 
+/// J2 follows J1, and J3 follows J2.
 #[test]
 fn joints_that_follow_may_be_left_free() {
     let mut table = table();
