@@ -283,6 +283,10 @@ fn motor(
         draft.dropped.push(format!("actuator \"{name}\": a damper only brakes"));
         return None;
     }
+    let plain = |limit: [f64; 2]| {
+        let (name, target) = (name.clone(), target.clone());
+        Motor { name, is_nameless, attribute, target, gear, limit, servo: None, force: None }
+    };
     let force = force_range(draft, model, a, gear);
     if let Some(law) = servo_law(draft, model, a)
         && config.servos == Servos::Keep
@@ -292,32 +296,14 @@ fn motor(
         if undamped {
             law.bias[2] = 0.0;
         }
-        return Some(Motor {
-            name,
-            is_nameless,
-            attribute,
-            target,
-            gear,
-            limit,
-            servo: Some(law),
-            force,
-        });
+        return Some(Motor { servo: Some(law), force, ..plain(limit) });
     }
     let effort = efforts.actuator(model, a);
     if draft.effortless.contains(&target) {
         let words = efforts.words(effort, effort);
         draft.assumed.push(format!("joint \"{target}\" gives no effort: a motor of {words}"));
         let limit = [-effort, effort];
-        return Some(Motor {
-            name,
-            is_nameless,
-            attribute,
-            target,
-            gear,
-            limit,
-            servo: None,
-            force: None,
-        });
+        return Some(plain(limit));
     }
     let limit = match (is_motor(model, a), ctrlrange(model, a), force) {
         (true, Some([lo, hi]), None) => [lo * gain, hi * gain],
@@ -344,7 +330,7 @@ fn motor(
             [-effort, effort]
         }
     };
-    Some(Motor { name, is_nameless, attribute, target, gear, limit, servo: None, force: None })
+    Some(plain(limit))
 }
 
 /// `mjGAIN_FIXED` and `mjGAIN_MUSCLE`.
