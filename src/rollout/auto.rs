@@ -4,8 +4,8 @@
 //! are not the program's, computed torque, with and without smooth motion planned through the gaps. No
 //! policy is best everywhere (contact, unreachable poses), and a rollout takes a fraction of a second. The
 //! best ones then repeat the clip and correct their goals by what they missed ([`super::ilc`]). If joints
-//! still stay away, the nearest one follows the path of a planner and searches for detours
-//! ([`super::learner`]). The best motion is used.
+//! still stay away, the nearest one follows the path of a planner and searches for detours, and rough gaps become
+//! softer ([`super::learner`]). The best motion is used.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -65,8 +65,8 @@ impl Chosen {
         let built = PolicyConfig { ilc: false, ..self.policy.clone() }.build(robot)?;
         let config = RolloutConfig { seed, guide: self.policy.guide, plant };
         let mut rollout = Rollout::new(robot, built, command, start.clone(), config)?;
-        if let Some(shift) = self.rollout.shift() {
-            rollout.correct(shift)?;
+        if let Some(lead) = self.rollout.lead() {
+            rollout.correct(lead.clone())?;
         }
         Ok(rollout)
     }

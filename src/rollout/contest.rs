@@ -111,7 +111,7 @@ impl Contest {
         at: usize,
         motion: &Rollout,
     ) -> Option<(PolicyConfig, Trial)> {
-        let policy = PolicyConfig { ilc: motion.shift().is_some(), ..self.policy(at).clone() };
+        let policy = PolicyConfig { ilc: motion.lead().is_some(), ..self.policy(at).clone() };
         let trial = Trial::of(&policy, motion);
         // A planner that is far nearer than the others is worth a jolt.
         let gaps = counted(unnatural_but_for_jolts(motion));

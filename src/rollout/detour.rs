@@ -11,6 +11,7 @@ use std::ops::Range;
 use super::holds;
 use super::jam;
 use super::judge::{Judge, commanded};
+use super::lead::Lead;
 use super::natural;
 use super::parts::counted;
 use super::run::Rollout;
@@ -52,8 +53,8 @@ struct Place {
 /// The search about the best motion so far.
 #[derive(Debug)]
 pub(super) struct Detours {
-    /// The correction of that motion; (frames, S).
-    shift: Vec<f64>,
+    /// What leads that motion.
+    lead: Lead,
     /// Its states, 30 of history first; (30 + frames, S).
     states: Vec<f64>,
     /// The frames whose goals move. Those after them are as they were, or not simulated yet.
@@ -71,8 +72,8 @@ pub(super) struct Detours {
 /// A correction that is tried.
 #[derive(Debug)]
 pub(super) struct Try {
-    /// The correction; (frames, S).
-    pub(super) shift: Vec<f64>,
+    /// What leads it.
+    pub(super) lead: Lead,
     /// The sum by which its errors are larger.
     worse: f64,
     /// The frames that were summed.
@@ -86,25 +87,24 @@ pub(super) struct Try {
 impl Detours {
     /// Searches about a motion, which must have been simulated up to the end of the `part`.
     pub(super) fn new(motion: &Rollout, judge: &Judge, part: Range<usize>) -> Detours {
-        let none = || vec![0.0; motion.plan().frames() * motion.plan().dim()];
-        let shift = motion.shift().map_or_else(none, <[f64]>::to_vec);
-        Detours::about(motion.goals(), motion.plan(), motion.states(), shift, judge, part)
+        let lead = motion.lead_or_none();
+        Detours::about(motion.goals(), motion.plan(), motion.states(), lead, judge, part)
     }
 
-    /// Searches about the motion with these `states`, (30 + frames, S), and the correction `shift`,
-    /// (frames, S). The policy sees the `plan`.
+    /// Searches about the motion with these `states`, (30 + frames, S), and this lead. The policy sees
+    /// the `plan`.
     fn about(
         goals: &Goals,
         plan: &Goals,
         states: &[f64],
-        shift: Vec<f64>,
+        lead: Lead,
         judge: &Judge,
         part: Range<usize>,
     ) -> Detours {
         let states = &states[..(HISTORY + part.end) * goals.dim()];
         let reached = reached(goals, states);
         Detours {
-            shift,
+            lead,
             states: states.to_vec(),
             gaps: natural::counted(natural::penalty(goals, states)),
             places: places(goals, plan, states, judge, part.start),
@@ -135,7 +135,7 @@ impl Detours {
             })
             .or(self.places.last())?;
         let d = goals.dim();
-        let mut shift = self.shift.clone();
+        let mut lead = self.lead.clone();
         let (mut first, mut last) = (self.part.end, 0);
         // A short hold is covered by a movement anyway.
         let hold = holds::around(goals, place.frame, place.joint);
@@ -156,7 +156,7 @@ impl Detours {
             (first, last) = (first.min(begin), last.max(end));
             for f in begin..end {
                 let share = (f + 1 - begin).min(end - f).min(EASE) as f64 / EASE as f64;
-                let s = &mut shift[f * d + j];
+                let s = &mut lead.shift[f * d + j];
                 // A planner's path may be farther away already.
                 let most = s.abs().max(FARTHEST);
                 *s = (*s + by * share).clamp(-most, most);
@@ -168,7 +168,7 @@ impl Detours {
         // The motion of a gap is known at its end.
         let settled = (last + SETTLES..self.part.end).find(|&f| goals.any_visible(f));
         let settled = settled.unwrap_or(self.part.end);
-        Some(Try { shift, worse: 0.0, summed, settled, compared: false })
+        Some(Try { lead, worse: 0.0, summed, settled, compared: false })
     }
 
     /// Whether a try goes on after another frame: it may still become better than the best motion.
@@ -267,7 +267,8 @@ mod tests {
     }
 
     fn about(goals: &Goals, states: &[f64], shift: f64, part: Range<usize>) -> Detours {
-        Detours::about(goals, goals, states, vec![shift; 3 * FRAMES], &Judge::default(), part)
+        let lead = Lead::of(vec![shift; 3 * FRAMES]);
+        Detours::about(goals, goals, states, lead, &Judge::default(), part)
     }
 
     #[test]
@@ -280,7 +281,7 @@ mod tests {
         let mut detours = about(&goals, &states, 0.4, 1..FRAMES);
         let mut moved = [0; 3];
         for _ in 0..200 {
-            let tried = detours.next(&goals).unwrap().shift;
+            let tried = detours.next(&goals).unwrap().lead.shift;
             for (i, s) in tried.iter().enumerate().filter(|(_, s)| **s != 0.4) {
                 assert!(s.abs() <= FARTHEST && (10..FRAMES).contains(&(i / 3)), "{i}: {s}");
                 moved[i % 3] += 1;
@@ -295,7 +296,7 @@ mod tests {
         let spans = |goals: &Goals| {
             let mut detours = about(goals, &states, 0.0, 1..FRAMES);
             let mut span = || {
-                let tried = detours.next(goals).unwrap().shift;
+                let tried = detours.next(goals).unwrap().lead.shift;
                 let moved = (0..3 * FRAMES).filter(|i| tried[*i] != 0.0).map(|i| i / 3);
                 (moved.clone().min().unwrap(), moved.max().unwrap())
             };
@@ -324,7 +325,7 @@ mod tests {
         let mut detours = about(&goals, &states, 0.0, 28..50);
         for _ in 0..100 {
             let tried = detours.next(&goals).unwrap();
-            let moved: Vec<_> = (0..3 * FRAMES).filter(|i| tried.shift[*i] != 0.0).collect();
+            let moved: Vec<_> = (0..3 * FRAMES).filter(|i| tried.lead.shift[*i] != 0.0).collect();
             assert!(moved.iter().all(|i| (28..50).contains(&(i / 3))), "{moved:?}");
             assert!(tried.settled <= 50);
         }

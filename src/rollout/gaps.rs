@@ -79,10 +79,11 @@ pub struct GapFigures {
 }
 
 /// One gap: these joints have goals at frames `from` and `to`, and none between.
-struct Gap {
-    from: usize,
-    to: usize,
-    joints: Vec<usize>,
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Gap {
+    pub(super) from: usize,
+    pub(super) to: usize,
+    pub(super) joints: Vec<usize>,
 }
 
 /// States by frame: 30 of history, then frame 0 and the reached states.
@@ -323,6 +324,28 @@ pub(super) fn widest_swing(goals: &Goals, states: &[f64]) -> Option<(usize, usiz
     let all = gaps.iter().flat_map(|gap| overshoots(&motion, goals, gap));
     let worst = all.max_by(|a, b| a.value.total_cmp(&b.value))?;
     Some((worst.frame, worst.joint, worst.value))
+}
+
+/// How much jerk a gap has relative to the least, and how far a joint overshoots in it, rad or m.
+pub(super) struct Roughness {
+    pub(super) gap: Gap,
+    pub(super) jerk: f64,
+    pub(super) overshoot: f64,
+}
+
+/// The roughness of each gap. The jerk of one that does not move is 0.
+pub(super) fn roughness(goals: &Goals, states: &[f64]) -> Vec<Roughness> {
+    let motion = Motion { states, dim: goals.dim() };
+    let of = |gap: Gap| {
+        let straight = motion.distance(gap.from, gap.to, &gap.joints);
+        let moves = straight >= MOVES && !differences(&gap).is_empty();
+        let jerk =
+            if moves { jerk(&motion, &gap, &gap.joints) / least_jerk(&gap, straight) } else { 0.0 };
+        let over = overshoots(&motion, goals, &gap);
+        let overshoot = over.iter().map(|o| o.value).fold(0.0, f64::max);
+        Roughness { gap, jerk, overshoot }
+    };
+    gaps(goals, motion.frames().min(goals.frames())).into_iter().map(of).collect()
 }
 
 /// The frame and the joint of the strongest jolt in the gaps that begin at frame `from`.

@@ -9,6 +9,7 @@
 
 use super::error::Error;
 use super::judge::Judge;
+use super::lead::Lead;
 use super::natural::unnatural;
 use super::policy_config::PolicyConfig;
 use super::run::Rollout;
@@ -105,6 +106,11 @@ impl Correction {
         }
     }
 
+    /// The lead of the next pass.
+    fn lead(&self) -> Lead {
+        Lead::of(self.shift.clone())
+    }
+
     /// What was missed at a goal, with the frames before and after it.
     fn smooth(&self, plan: &Goals, f: usize, j: usize) -> f64 {
         let i = f * plan.dim() + j;
@@ -164,7 +170,7 @@ impl Repeats {
         let least = judge.score(first).unwrap_or(f64::INFINITY);
         let mut correction = Correction::new(first.plan());
         correction.learn(first.plan(), first.reached());
-        trial.correct(&correction.shift)?;
+        trial.correct(correction.lead())?;
         Ok(Some(Repeats {
             at,
             is_fast: policy.is_fast(),
@@ -202,7 +208,7 @@ impl Repeats {
         self.passes += 1;
         self.correction.learn(self.trial.plan(), self.trial.reached());
         self.keep_trial();
-        self.trial.correct(&self.correction.shift)
+        self.trial.correct(self.correction.lead())
     }
 
     /// Whether all passes are done.
@@ -327,7 +333,7 @@ mod tests {
         assert_eq!(best.goals(), first.goals());
         // A new rollout with the same correction has the same bits.
         let mut again = fresh();
-        again.correct(best.shift().unwrap()).unwrap();
+        again.correct(best.lead().unwrap().clone()).unwrap();
         again.run(&Cancel::default()).unwrap();
         assert_eq!(again.actions(), best.actions());
     }

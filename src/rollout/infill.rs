@@ -87,6 +87,7 @@ pub(super) fn infill(window: &mut Window, speed: &[f64]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::lead::Lead;
     use crate::window::{Goals, HISTORY};
     use robert_base::rng::{Rng, Stream};
     use robert_clip::Command;
@@ -231,8 +232,9 @@ mod tests {
             let mut before = before;
             if rng.below(4) == 0 {
                 let shift: Vec<f64> = (0..frames * JOINTS).map(|_| rng.range(-0.1, 0.1)).collect();
-                before = before.shifted(&shift);
-                after = after.shifted(&shift[..after.frames() * JOINTS]);
+                let until = |frames: usize| Lead::of(shift[..frames * JOINTS].to_vec());
+                before = before.led_by(&until(frames));
+                after = after.led_by(&until(after.frames()));
             }
             let changes = [before.first_difference(&after), before.first_other_plan(&after)];
             let stands = changes.into_iter().flatten().min().unwrap_or(usize::MAX);

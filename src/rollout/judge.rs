@@ -3,7 +3,7 @@
 //! Usually the smaller sum of Precision and the penalty for unnatural motion in gaps and a missed frame. A finger that
 //! stays behind another one for a second adds little to the mean over all joints and frames, but a
 //! person sees it at once. A strict judge gives the errors of joints that jam more weight, as long as
-//! the usual sum stays nearly as small.
+//! the usual sum stays nearly as small. A gentle judge gives jerk in gaps more weight in the same way.
 //!
 //! Two joints of one tendon that are asked for 0 and 1.2 have the same sum of errors wherever their own
 //! sum is between these goals: half bent or hardly bent at all. The tendon moves their sum, so its error
@@ -24,6 +24,11 @@ const JAM_WEIGHT: f64 = 5.0;
 /// Under a strict judge the usual sum may grow by this share, which is too little to see.
 const TOLERATED_LOSS: f64 = 0.03;
 
+/// The factor of the penalty for jerk that a gentle judge counts: a mean jerk of 4 in place of 3 may cost .004 rad.
+const GENTLY: f64 = 8.0;
+/// Under a gentle judge the usual sum may grow by this share.
+const GENTLE_LOSS: f64 = 0.03;
+
 /// Weight of the error of coupled joints together, beside their own: it only decides ties.
 const COUPLED_WEIGHT: f64 = 0.01;
 
@@ -43,13 +48,15 @@ pub(super) struct Judge {
     most: f64,
     /// The factor by which the usual sum may grow.
     growth: f64,
+    /// The factor of the penalty for jerk.
+    jolts: f64,
 }
 
 impl Default for Judge {
     /// The judge of a robot without coupled joints.
     fn default() -> Judge {
         let (any, ties) = (f64::INFINITY, Arc::new([]));
-        Judge { ties, weights: None, farthest: any, most: any, growth: any }
+        Judge { ties, weights: None, farthest: any, most: any, growth: any, jolts: 1.0 }
     }
 }
 
@@ -90,6 +97,17 @@ impl Judge {
         Judge { weights: Some(weights.into()), most, growth: most / least, ..usual }
     }
 
+    /// A gentle judge of motions that should lose the jolts in the gaps of one with the score `least`. Their
+    /// usual sum stays below `most`.
+    pub(super) fn gentle(&self, least: f64, most: f64) -> Judge {
+        Judge { most: most.min((1.0 + GENTLE_LOSS) * least), jolts: GENTLY, ..self.clone() }
+    }
+
+    /// By how much the mean error may grow beyond that of a motion with this score, at most, rad or m.
+    pub(super) fn patience(&self, score: f64) -> f64 {
+        self.most.min(score) * GENTLE_LOSS
+    }
+
     /// The limit for [`Judge::score_part`] of a motion that comes after `motion`.
     pub(super) fn limit(&self, motion: &Rollout, part: &Range<usize>) -> f64 {
         if self.weights.is_none() {
@@ -128,7 +146,8 @@ impl Judge {
     pub(super) fn score(&self, rollout: &Rollout) -> Option<f64> {
         let goals = rollout.goals();
         let precision = rollout.precision().precision?;
-        let penalty = natural::counted(natural::unnatural(rollout));
+        let (other, jolts) = natural::apart(rollout);
+        let penalty = natural::counted(other + jolts);
         let weighted = match self.weights {
             None if self.ties.is_empty() => precision,
             _ => {
@@ -139,7 +158,7 @@ impl Judge {
             }
         };
         (precision <= self.farthest && precision + penalty < self.most)
-            .then_some(weighted + penalty)
+            .then_some(weighted + penalty + (self.jolts - 1.0) * jolts)
     }
 
     /// The weight of a joint's error at a frame.

@@ -4,17 +4,20 @@
 //! on: if joints still stay away from their goals, or move unnaturally in a gap, it follows the path of
 //! a planner ([`super::planned`]), and then searches for detours ([`super::search`]). If a joint still
 //! jams, it searches again under a strict judge ([`super::judge`]). Where an error or a jolt is left that
-//! could be seen, the planner's own motion counts as well, if it is clearly better.
+//! could be seen, the planner's own motion counts as well, if it is clearly better. In the end rough gaps of a
+//! policy's motion are made softer ([`super::soften`]).
 
 use super::detour;
 use super::error::Error;
 use super::ilc::Repeats;
 use super::jam::{self, Off};
-use super::natural::{counted, unnatural, unnatural_but_for_jolts};
+use super::lead::Lead;
+use super::natural::{self, counted, unnatural, unnatural_but_for_jolts};
 use super::planned::{self, Planned};
 use super::policy_config::PolicyConfig;
 use super::run::Rollout;
 use super::search::{self, Search};
+use super::soften::Softening;
 
 /// The score from which a planner performs the clip although every joint arrives, rad or m: smaller errors
 /// cannot be seen.
@@ -60,6 +63,8 @@ pub enum Stage {
     Follow,
     /// Tries of the random search.
     Search,
+    /// Tries of softer motion in gaps.
+    Soften,
 }
 
 impl Stage {
@@ -70,6 +75,7 @@ impl Stage {
             Stage::Plan => "plan a path",
             Stage::Follow => "follow the path",
             Stage::Search => "search",
+            Stage::Soften => "soften the gaps",
         }
     }
 }
@@ -99,6 +105,8 @@ pub(super) struct Learner {
     natural: f64,
     /// The search, once it has begun.
     search: Option<Search>,
+    /// The softening of gaps, while it goes on.
+    softening: Option<Softening>,
     threads: usize,
     /// Frames simulated by planners and the passes that follow them.
     frames: usize,
@@ -127,6 +135,7 @@ impl Learner {
             floor: None,
             is_strict: false,
             search: None,
+            softening: None,
             threads: threads.max(1),
             frames: 0,
             over: false,
@@ -138,11 +147,22 @@ impl Learner {
     pub(super) fn step(&mut self, fresh: impl Fn(usize) -> Result<Rollout, Error>) -> bool {
         let going = !self.over
             && match self.stage() {
-                Stage::Search => self.search() || self.search_strictly(),
-                Stage::Plan | Stage::Follow => {
-                    self.follow() || self.next_plan() || self.begin_search(&fresh)
+                Stage::Search => {
+                    self.search() || self.search_strictly() || self.begin_softening(&fresh)
                 }
-                Stage::Correct => self.race() || self.begin_plan() || self.begin_search(&fresh),
+                Stage::Soften => self.soften(),
+                Stage::Plan | Stage::Follow => {
+                    self.follow()
+                        || self.next_plan()
+                        || self.begin_search(&fresh)
+                        || self.begin_softening(&fresh)
+                }
+                Stage::Correct => {
+                    self.race()
+                        || self.begin_plan()
+                        || self.begin_search(&fresh)
+                        || self.begin_softening(&fresh)
+                }
             };
         self.over = !going;
         going
@@ -151,6 +171,7 @@ impl Learner {
     /// What the next step belongs to.
     pub(super) fn stage(&self) -> Stage {
         match (&self.planned, &self.search) {
+            _ if self.softening.is_some() => Stage::Soften,
             (_, Some(_)) => Stage::Search,
             (Some(planned), None) if planned.began => Stage::Follow,
             (Some(_), None) => Stage::Plan,
@@ -161,13 +182,15 @@ impl Learner {
     /// Frames simulated so far.
     pub(super) fn frames(&self) -> usize {
         let searched = self.search.as_ref().map_or(0, Search::frames);
-        self.frames + searched + self.racers.iter().map(|r| r.frames).sum::<usize>()
+        let softened = self.softening.as_ref().map_or(0, Softening::frames);
+        self.frames + searched + softened + self.racers.iter().map(|r| r.frames).sum::<usize>()
     }
 
     /// Frames that are still to be simulated in this stage, at most.
     pub(super) fn frames_left(&self) -> usize {
         match (&self.search, &self.planned) {
             _ if self.over => 0,
+            _ if let Some(softening) = &self.softening => softening.frames_left(),
             (Some(search), _) => search.frames_left(),
             (None, Some(planned)) if planned.began => {
                 planned.frames_left(self.lead().trial.frame())
@@ -308,7 +331,7 @@ impl Learner {
             Err(_) => return false,
         }
         if !planned.began {
-            return lead.trial.correct(planned.begin()).is_ok();
+            return lead.trial.correct(Lead::of(planned.begin().to_vec())).is_ok();
         }
         match lead.trial.step() {
             Ok(Some(_)) => {
@@ -320,7 +343,7 @@ impl Learner {
                 if unnatural(&lead.trial) <= self.natural {
                     lead.keep_trial();
                 }
-                planned.passes < planned::PASSES && lead.trial.correct(&shift).is_ok()
+                planned.passes < planned::PASSES && lead.trial.correct(Lead::of(shift)).is_ok()
             }
             Err(_) => false,
         }
@@ -359,6 +382,7 @@ impl Learner {
     /// Ends the search. What it found until now counts.
     pub(super) fn stop(&mut self) {
         self.over = true;
+        self.keep_softer();
         if let Some(search) = &mut self.search {
             search.stop();
             self.keep_found();
@@ -371,6 +395,39 @@ impl Learner {
         if let Some(better) = search.offer(lead.least, lead.gaps) {
             search.give_back(lead.keep(better));
         }
+    }
+
+    /// Some frames of softer motion in gaps; false at its end, or if there is nothing to soften.
+    fn soften(&mut self) -> bool {
+        let Some(softening) = &mut self.softening else { return false };
+        let going = softening.step();
+        if !going {
+            self.keep_softer();
+        }
+        going
+    }
+
+    /// Ends the softening, and keeps its motion if it is softer.
+    fn keep_softer(&mut self) {
+        let Some(softening) = self.softening.take() else { return };
+        self.frames += softening.frames();
+        if let (Some(softer), [lead]) = (softening.into_motion(), &mut self.racers[..]) {
+            lead.keep(softer);
+            // The choice between the contender and the planner has been made.
+            self.own.clear();
+        }
+    }
+
+    /// Begins to soften the best motion; false if its gaps are soft, or if it is a planner's.
+    fn begin_softening(&mut self, fresh: &dyn Fn(usize) -> Result<Rollout, Error>) -> bool {
+        let lead = self.lead();
+        let rough = natural::in_gaps(lead.trial.goals(), lead.best_states()) > 0.0;
+        if self.own().is_some() || !lead.is_fast || !rough {
+            return false;
+        }
+        let judge = lead.judge().gentle(lead.least, self.first);
+        self.softening = Softening::new(lead.best(), judge, self.threads, &|| fresh(lead.at)).ok();
+        self.softening.is_some()
     }
 
     /// Searches again if a joint jams in the best motion; false if none does.
@@ -444,7 +501,7 @@ mod tests {
         assert_eq!(on_three.best().unwrap().actions(), learner.best().unwrap().actions());
         let best = learner.into_best().unwrap().1;
         let mut again = fresh(0).unwrap();
-        again.correct(best.shift().unwrap()).unwrap();
+        again.correct(best.lead().unwrap().clone()).unwrap();
         again.run(&Cancel::default()).unwrap();
         assert_eq!(again.actions(), best.actions());
     }

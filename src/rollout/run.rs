@@ -5,6 +5,7 @@ use std::sync::Arc;
 use super::error::Error;
 use super::guide::Guide;
 use super::holds;
+use super::lead::Lead;
 use super::nominal_model::substeps;
 use super::policy::{Policy, View};
 use super::precision::Precision;
@@ -84,10 +85,10 @@ pub struct Rollout {
     goals: Goals,
     /// What the policy sees: the goals, with smooth motion in the gaps if the guide asks for it.
     plan: Goals,
-    /// The plan with the corrections of [`Rollout::correct`].
+    /// The plan with the lead of [`Rollout::correct`].
     led: Goals,
-    /// Those corrections; (frames, S).
-    shift: Option<Vec<f64>>,
+    /// That lead.
+    lead: Option<Lead>,
     start_pose: Vec<f64>,
     /// The state at frame 0 of a rollout from that pose, (S); empty if it begins in a recorded motion.
     first: Vec<f64>,
@@ -152,7 +153,7 @@ impl Rollout {
             start,
             plan: plan.clone(),
             led: plan,
-            shift: None,
+            lead: None,
             goals,
             first,
             start_pose,
@@ -321,7 +322,7 @@ impl Rollout {
         let first_state = moved.then(|| first_state(&self.robot, &start_pose)).transpose()?;
         let plan = plan(&goals, self.config.guide);
         let first = if moved { Some(0) } else { self.first_difference(&self.led, &plan) };
-        (self.goals, self.led, self.plan, self.shift) = (goals, plan.clone(), plan, None);
+        (self.goals, self.led, self.plan, self.lead) = (goals, plan.clone(), plan, None);
         self.start_pose = start_pose;
         if let Some(state) = first_state {
             self.first = state;
@@ -343,19 +344,19 @@ impl Rollout {
         [goals, plan].into_iter().flatten().min()
     }
 
-    /// Moves every goal that the policy sees by `shift`, (frames, S), rad or m, and keeps every frame
-    /// that this cannot affect. Errors are still measured against the command.
-    pub(super) fn correct(&mut self, shift: &[f64]) -> Result<(), Error> {
-        let led = self.plan.shifted(shift);
+    /// Leads the policy besides its goals, and keeps every frame that this cannot affect. Errors are still
+    /// measured against the command.
+    pub(super) fn correct(&mut self, lead: Lead) -> Result<(), Error> {
+        let led = self.plan.led_by(&lead);
         let first = self.first_difference(&self.led, &led);
-        (self.led, self.shift) = (led, Some(shift.to_vec()));
+        (self.led, self.lead) = (led, Some(lead));
         first.map_or(Ok(()), |f| self.back_to(f.saturating_sub(COMMAND)))
     }
 
     /// As [`Rollout::correct`], but goes on from the frames of `other` that this cannot affect.
-    /// `other` is the same rollout with other corrections.
-    pub(super) fn branch(&mut self, other: &Rollout, shift: &[f64]) -> Result<(), Error> {
-        let led = other.plan.shifted(shift);
+    /// `other` is the same rollout with another lead.
+    pub(super) fn branch(&mut self, other: &Rollout, lead: Lead) -> Result<(), Error> {
+        let led = other.plan.led_by(&lead);
         let before = |a: &Goals, b: &Goals| {
             self.first_difference(a, b).map_or(usize::MAX, |f| f.saturating_sub(COMMAND))
         };
@@ -370,24 +371,32 @@ impl Rollout {
         self.memories.extend_from_slice(&other.memories[from + 1..=keep]);
         self.plant.restore(&self.snapshots[keep])?;
         self.policy.recall(&self.memories[keep]);
-        (self.led, self.shift) = (led, Some(shift.to_vec()));
+        (self.led, self.lead) = (led, Some(lead));
         Ok(())
     }
 
-    /// Takes over the corrections and the frames of `other`, which is the same rollout otherwise.
+    /// Takes over the lead and the frames of `other`, which is the same rollout otherwise.
     pub(super) fn copy(&mut self, other: &Rollout) -> Result<(), Error> {
-        match other.shift() {
-            Some(shift) => self.branch(other, shift),
-            None => self.branch(other, &vec![0.0; other.frames() * other.goals.dim()]),
-        }
+        self.branch(other, other.lead_or_none())
     }
 
-    /// The corrections, if there are any; (frames, S).
-    pub(super) fn shift(&self) -> Option<&[f64]> {
-        self.shift.as_deref()
+    /// What leads the policy besides its goals, if anything does.
+    pub(super) fn lead(&self) -> Option<&Lead> {
+        self.lead.as_ref()
     }
 
-    /// What the policy sees without corrections.
+    /// The same; no corrections if nothing leads it.
+    pub(super) fn lead_or_none(&self) -> Lead {
+        let none = || Lead::none(self.frames() * self.goals.dim());
+        self.lead.clone().unwrap_or_else(none)
+    }
+
+    /// What the policy sees.
+    pub(super) fn led(&self) -> &Goals {
+        &self.led
+    }
+
+    /// What the policy sees without a lead.
     pub(super) fn plan(&self) -> &Goals {
         &self.plan
     }

@@ -316,7 +316,7 @@ impl Search {
         for _ in 0..AT_ONCE {
             let Some(what) = part.detours.next(self.motion.goals()) else { break };
             let Some(mut rollout) = self.spare.pop() else { break };
-            let begun = rollout.branch(&self.motion, &what.shift);
+            let begun = rollout.branch(&self.motion, what.lead.clone());
             // A try counts as a frame, so that the search ends even if tries change nothing.
             part.budget = part.budget.saturating_sub(1);
             self.frames += 1;
@@ -448,7 +448,7 @@ mod tests {
         }
         assert_eq!(search(3).1.actions(), better.actions());
         let mut repeated = fresh().unwrap();
-        repeated.correct(better.shift().unwrap()).unwrap();
+        repeated.correct(better.lead().unwrap().clone()).unwrap();
         repeated.run(&Cancel::default()).unwrap();
         assert_eq!(repeated.actions(), better.actions());
         // A motion that jams in the second part is searched there only.

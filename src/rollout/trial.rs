@@ -79,12 +79,14 @@ pub(super) fn near(tried: &[Trial]) -> f64 {
     precision.map_or(f64::INFINITY, |p| (1.0 + FARTHER) * p)
 }
 
-/// The contenders that repeat the clip, best first.
+/// The contenders that repeat the clip, best first; those that are no choice as they are come last.
 pub(super) fn leaders(tried: &[Trial]) -> impl Iterator<Item = usize> {
-    let mut scored: Vec<_> =
-        tried.iter().enumerate().filter_map(|(at, t)| Some((t.score()?, at))).collect();
-    scored.sort_by(|a, b| a.0.total_cmp(&b.0));
-    scored.into_iter().map(|(_, at)| at).take(RACERS)
+    let limit = near(tried);
+    let mut scored: Vec<_> = (tried.iter().enumerate())
+        .filter_map(|(at, t)| Some((t.score_below(limit).is_none(), t.score()?, at)))
+        .collect();
+    scored.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    scored.into_iter().map(|(.., at)| at).take(RACERS)
 }
 
 #[cfg(test)]
@@ -105,6 +107,13 @@ mod tests {
         let failed = Trial { precision: None, ..trial(0.0, 0.0) };
         assert_eq!(best(&[failed.clone(), trial(0.1, 0.0)]), Some(1));
         assert_eq!(best(&[failed]), None);
+    }
+
+    #[test]
+    fn contenders_that_are_too_far_away_repeat_the_clip_last() {
+        let pd = Trial { policy: "pd".into(), ..trial(0.05, 0.1) };
+        let tried = [trial(0.07, 0.02), pd, trial(0.08, 0.0), trial(0.049, 0.07)];
+        assert_eq!(leaders(&tried).collect::<Vec<_>>(), [3, 1, 2]);
     }
 
     #[test]

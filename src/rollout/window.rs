@@ -2,6 +2,7 @@
 //! commanded or masked frames (51 in total, indices 0..50 of the paper).
 
 use super::curve::{self, Knot};
+use super::lead::Lead;
 use robert_clip::Command;
 
 pub use robert_net::{COMMAND, HISTORY};
@@ -122,9 +123,30 @@ impl Goals {
         filled
     }
 
+    /// These goals with the planned motion in the gaps that are shown, moved by the corrections.
+    #[must_use]
+    pub(super) fn led_by(&self, lead: &Lead) -> Goals {
+        if lead.shown.is_empty() {
+            return self.shifted(&lead.shift);
+        }
+        let mut filled = self.clone();
+        for gap in &lead.shown {
+            for i in (gap.from + 1..gap.to)
+                .flat_map(|f| gap.joints.iter().map(move |j| f * self.dim + j))
+            {
+                if !filled.visible[i] {
+                    filled.q[i] = filled.way[i];
+                    filled.visible[i] = true;
+                }
+            }
+        }
+        filled.find_gaps();
+        filled.shifted(&lead.shift)
+    }
+
     /// These goals moved by `shift`, (frames, dim). What is hidden follows the goals around it.
     #[must_use]
-    pub(super) fn shifted(&self, shift: &[f64]) -> Goals {
+    fn shifted(&self, shift: &[f64]) -> Goals {
         let (mut moved, d) = (self.clone(), self.dim);
         for j in 0..d {
             let mut knots = self.knots(j);
@@ -146,6 +168,11 @@ impl Goals {
             moved.end[j] += rest.1;
         }
         moved
+    }
+
+    /// The goal of joint `j` at frame `f`, or the planned motion.
+    pub(super) fn way_at(&self, f: usize, j: usize) -> f64 {
+        self.way[f * self.dim + j]
     }
 
     /// Frames.
@@ -409,6 +436,7 @@ impl Window {
 
 #[cfg(test)]
 mod tests {
+    use super::super::gaps::Gap;
     use super::*;
 
     /// One joint; `None` is masked.
@@ -595,6 +623,22 @@ mod tests {
         assert!(q.windows(2).all(|w| w[0] < w[1]), "it never goes back");
         assert!((q[20] - 0.5).abs() < 1e-9 && q[1] < 0.01 && q[39] > 0.99, "it rests at both ends");
         assert!(!window(&plan, 10, 0.0).passing[0], "no virtual keyframe is left");
+    }
+
+    #[test]
+    fn a_gap_that_is_shown_has_the_plan_as_goals_and_its_corrections_count() {
+        let mut rows = vec![None; 41];
+        (rows[0], rows[10], rows[20], rows[40]) = (Some(0.0), Some(1.0), Some(2.0), Some(2.0));
+        let before = goals(&rows, 0.0);
+        let mut lead = Lead::none(41);
+        (lead.shift[15], lead.shift[30]) = (0.25, 9.0);
+        lead.shown.push(Gap { from: 10, to: 20, joints: vec![0] });
+        let after = before.led_by(&lead);
+        assert!((10..=20).all(|f| after.is_visible(f, 0)) && !after.is_visible(9, 0));
+        assert!((after.row(15)[0] - before.way_at(15, 0) - 0.25).abs() < 1e-12);
+        assert_eq!(after.row(14)[0], before.way_at(14, 0));
+        // Corrections of a gap that is not shown do not count.
+        assert_eq!((after.row(30)[0], after.row(40)[0]), (2.0, 2.0));
     }
 
     #[test]

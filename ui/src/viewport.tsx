@@ -30,6 +30,7 @@ const STAGES: Record<Stage, string> = {
   plan: "planning a path",
   follow: "following the path",
   search: "searching for a better motion",
+  soften: "softening the gaps",
 };
 
 /** The background behind the robot. The canvas of the scene is transparent where nothing is drawn. */

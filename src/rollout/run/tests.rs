@@ -163,13 +163,14 @@ fn a_branch_has_the_bits_of_a_rollout_from_the_start() {
         let keys: Vec<(usize, f64)> =
             (1..frames).map(|f| (f, 0.2 * (f as f64 / 9.0).sin())).collect();
         let command = command(&robot, frames, &keys);
-        let moved = |spans: &[(usize, usize)]| -> Vec<f64> {
+        let moved = |spans: &[(usize, usize)]| {
             let inside = |f: usize| spans.iter().any(|s| (s.0..s.1).contains(&f));
-            (0..frames * dim).map(|i| if inside(i / dim) { 0.1 } else { 0.0 }).collect()
+            let by = |i: usize| if inside(i / dim) { 0.1 } else { 0.0 };
+            Lead::of((0..frames * dim).map(by).collect())
         };
         let make = || rollout(&robot, name, &command);
         let mut best = make();
-        best.correct(&moved(&[(50, 55)])).unwrap();
+        best.correct(moved(&[(50, 55)])).unwrap();
         best.run(&Cancel::default()).unwrap();
         let mut branch = make();
         // Before and after what the best one changed, with frames of another try behind.
@@ -180,11 +181,11 @@ fn a_branch_has_the_bits_of_a_rollout_from_the_start() {
             (vec![(50, 55)], 0),
         ] {
             let before = branch.simulated();
-            branch.branch(&best, &moved(&spans)).unwrap();
+            branch.branch(&best, moved(&spans)).unwrap();
             branch.run(&Cancel::default()).unwrap();
             assert_eq!(branch.simulated() - before, steps, "{id} {spans:?}");
             let mut fresh = make();
-            fresh.correct(&moved(&spans)).unwrap();
+            fresh.correct(moved(&spans)).unwrap();
             fresh.run(&Cancel::default()).unwrap();
             assert!(bits(&branch) == bits(&fresh), "{id} {spans:?}");
         }
