@@ -1,5 +1,5 @@
 // Both palettes: which one is shown, whether all words can be read on what they stand on, and that
-// letters come from the program itself. The palettes themselves are tested in src/pure.test.ts.
+// letters come from the program itself. The palettes themselves are tested in src/styles/palette.test.ts.
 
 import assert from "node:assert/strict";
 import {
