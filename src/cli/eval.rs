@@ -179,9 +179,8 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let cancel = cancel_on_ctrl_c();
     // Another plant has other floors. If iLQR takes part, its own figures are the floor.
     let wanted = !args.no_floor && plant == PlantRange::default();
-    if wanted && !config.policies.contains(&PolicyConfig::floor()) {
-        floors(&robot, &mut suites, threads, global, &cancel)?;
-    }
+    let wanted = wanted && !config.policies.contains(&PolicyConfig::floor());
+    let in_floors = wanted && !floors(&robot, &mut suites, threads, global, &cancel);
     let (config, device) = on_device(args, config, &suites)?;
     let bar = Bar::new("eval", "frames", global.quiet);
     let begin = Instant::now();
@@ -193,8 +192,21 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     }
     let evaluated = evaluated?;
     let whole = evaluated.is_whole();
-    if evaluated.finished == 0 {
-        return Err(rollout::Error::Cancelled { frame: 0 }.into());
+    let interrupted = || {
+        let why = if in_floors {
+            "interrupted while the floors were measured, before the policies (--no-floor leaves floors out)".to_owned()
+        } else {
+            format!(
+                "interrupted after {} of {} rollouts; the others have no figures, and a mean needs all of its tasks",
+                evaluated.finished, evaluated.wanted
+            )
+        };
+        Failure::with(Exit::Interrupted, why)
+    };
+    // No figures for tables and files. The document still says what was asked for, and the floors.
+    let is_empty = evaluated.finished == 0;
+    if is_empty && !args.json {
+        return Err(interrupted());
     }
 
     let report = Report {
@@ -211,9 +223,10 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     };
     // An interrupted evaluation must not take the place of a complete one.
     let free = |path: &Path| {
-        let free = whole || input::is_standard(path) || !path.exists();
+        let free = whole || !is_empty && (input::is_standard(path) || !path.exists());
         if !free {
-            tracing::warn!("{} stays as it was", path.display());
+            let now = if path.exists() { "stays as it was" } else { "is not written" };
+            tracing::warn!("{} {now}", path.display());
         }
         free
     };
@@ -239,11 +252,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         input::say(args.takes_stdout(), &tables.join("\n\n"))?;
     }
     if !whole {
-        let why = format!(
-            "interrupted after {} of {} rollouts; the others have no figures, and a mean needs all of its tasks",
-            evaluated.finished, evaluated.wanted
-        );
-        return Err(Failure::with(Exit::Interrupted, why));
+        return Err(interrupted());
     }
     match args.max_precision {
         Some(limit) => check(report.results, limit, report.unit),
@@ -273,30 +282,25 @@ fn on_device(
     }
 }
 
-/// Measures the floor of every clip. A robot that iLQR cannot drive has none.
+/// Measures the floor of every clip; false if this was interrupted. A robot that iLQR cannot drive has none.
 fn floors(
     robot: &Arc<Robot>,
     suites: &mut [Suite],
     threads: usize,
     global: Global,
     cancel: &Cancel,
-) -> Outcome {
+) -> bool {
     let bar = Bar::new("floor", "frames", global.quiet);
     // Tasks from recorded motion are compared with the recording instead.
     let clips = suites.iter_mut().flat_map(|s| &mut s.cases).filter(|c| c.truth.is_none());
     let filled = floor::fill(robot, clips, threads, &bar, cancel);
     bar.finish();
     match filled {
-        Err(rollout::Error::Cancelled { .. }) => Err(Failure::with(
-            Exit::Interrupted,
-            "interrupted while the floors were measured, before the policies (--no-floor leaves floors out)",
-        )),
-        Err(e) => {
-            tracing::warn!("there are no floors to compare with: {e}");
-            Ok(())
-        }
-        Ok(()) => Ok(()),
+        Err(rollout::Error::Cancelled { .. }) => return false,
+        Err(e) => tracing::warn!("there are no floors to compare with: {e}"),
+        Ok(()) => {}
     }
+    true
 }
 
 /// Clips with their names.

@@ -18,7 +18,7 @@ use serde_json::json;
 use super::error::Error;
 use super::jam::Off;
 use super::policy_config::PolicyConfig;
-use super::suite::{Case, EvalConfig, Floor, Suite, evaluate};
+use super::suite::{Case, EvalConfig, Floor, Suite, evaluate_on};
 use robert_base::fsio;
 use robert_base::progress::{Cancel, Progress};
 use robert_clip::Command;
@@ -138,10 +138,11 @@ pub fn known(robot: &Robot, command: &Command) -> Result<Option<Floor>, Error> {
 }
 
 /// Sets the floor of every case for which `wants` is true: the built-in floor, or else that of a
-/// rollout of iLQR on the nominal plant. A case that iLQR cannot perform has no floor.
+/// rollout of iLQR on the nominal plant. A case that iLQR cannot perform has no floor. What was measured
+/// before an interruption is kept.
 ///
 /// # Errors
-/// As [`evaluate`], and [`Error::Floors`].
+/// As [`super::evaluate`], and [`Error::Floors`].
 pub fn fill<'a>(
     robot: &Arc<Robot>,
     cases: impl Iterator<Item = &'a mut Case>,
@@ -161,31 +162,33 @@ pub fn fill<'a>(
     }
     let suite =
         Suite { name: String::new(), cases: missing.iter().map(|c| (**c).clone()).collect() };
-    let found = measure(robot, suite, threads, progress, cancel)?;
+    let (found, is_whole) = measure(robot, suite, threads, progress, cancel)?;
     for (case, floor) in missing.into_iter().zip(found) {
         case.floor = floor;
     }
-    Ok(())
+    if is_whole { Ok(()) } else { Err(Error::Cancelled { frame: 0 }) }
 }
 
-/// The floors of a suite's cases, by rollouts of iLQR.
+/// The floors of a suite's cases, by rollouts of iLQR, and whether all were measured.
 fn measure(
     robot: &Arc<Robot>,
     suite: Suite,
     threads: usize,
     progress: &dyn Progress,
     cancel: &Cancel,
-) -> Result<Vec<Option<Floor>>, Error> {
+) -> Result<(Vec<Option<Floor>>, bool), Error> {
     let policies = vec![PolicyConfig::floor()];
     let config = EvalConfig { policies, plant: PlantRange::default(), seeds: 0..1, threads };
-    let results = evaluate(robot, &[suite], &config, progress, cancel)?;
-    Ok(results.into_iter().flat_map(|r| r.tasks).map(|t| t.as_floor()).collect())
+    let found = evaluate_on(robot, &[suite], &config, None, progress, cancel)?;
+    let is_whole = found.is_whole();
+    let tasks = found.results.into_iter().flat_map(|r| r.tasks);
+    Ok((tasks.map(|t| t.as_floor()).collect(), is_whole))
 }
 
 /// The table of these clips of a robot, with every floor measured again.
 ///
 /// # Errors
-/// As [`evaluate`].
+/// As [`super::evaluate`].
 pub fn measure_table(
     robot: &Arc<Robot>,
     cases: Vec<Case>,
@@ -194,7 +197,10 @@ pub fn measure_table(
     cancel: &Cancel,
 ) -> Result<FloorTable, Error> {
     let suite = Suite { name: "floors".to_owned(), cases };
-    let floors = measure(robot, suite.clone(), threads, progress, cancel)?;
+    let (floors, is_whole) = measure(robot, suite.clone(), threads, progress, cancel)?;
+    if !is_whole {
+        return Err(Error::Cancelled { frame: 0 });
+    }
     let named = suite.cases.iter().zip(floors);
     let clips = named.filter_map(|(case, floor)| {
         Some((case.name.clone(), Entry::of(robot, &case.command, &floor?)))

@@ -1,6 +1,6 @@
 //! `robert eval`.
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use super::HOP;
 use crate::render::catches;
@@ -254,4 +254,46 @@ fn an_interruption_keeps_what_was_finished() {
     let before = std::fs::read_to_string(dir.path().join("complete.svg")).unwrap();
     assert_eq!(before, "of a complete evaluation");
     assert!(dir.path().join("out/results.json").exists());
+}
+
+#[test]
+fn an_interruption_while_floors_are_measured_tells_what_is_known() {
+    let dir = tempfile::tempdir().unwrap();
+    let long = |name: &str, length: u32| {
+        let joints = r#"["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2"]"#;
+        let text = format!(
+            r#"{{"format": "robert-clip/1", "name": "{name}", "robot": {{"id": "ur5e", "joints": {joints}}},
+            "fps": 20, "length": {length}, "fill": "linear", "keys": [{{"frame": 0, "q": [-1.5, -1.5, 1.5, -1.5, -1.5]}},
+            {{"frame": {}, "q": [-1.2, -1.4, 1.4, -1.5, -1.5]}}]}}"#,
+            length - 1
+        );
+        std::fs::write(dir.path().join(format!("{name}.clip.json")), text).unwrap();
+    };
+    long("a", 8);
+    long("b", 20_000);
+    let mut child = std::process::Command::new(binary())
+        .args(["eval", "--suite", "a.clip.json,b.clip.json", "-q", "--json", "--policy", "pd"])
+        .args(["--threads", "1", "--csv", "all.csv"])
+        .current_dir(dir.path())
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    while !catches(child.id(), 2) {
+        assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
+        std::thread::yield_now();
+    }
+    std::thread::sleep(std::time::Duration::from_secs(5));
+    let pid = child.id().to_string();
+    assert!(std::process::Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
+    let out = child.wait_with_output().unwrap();
+    let stderr = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(130), "{stderr}");
+    assert!(stderr.contains("interrupted while the floors were measured"), "{stderr}");
+    let report: Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert_eq!((&report["interrupted"], &report["suites"][0]["tasks"]), (&json!(true), &json!(2)));
+    let tasks = &result(&report, "pd")["tasks"];
+    assert!(tasks[0]["floor"].is_number() && tasks[1]["floor"].is_null(), "{tasks}");
+    assert!(tasks.as_array().unwrap().iter().all(|t| t["error"] == "interrupted"), "{tasks}");
+    assert!(!dir.path().join("all.csv").exists(), "nothing is known that a table could hold");
 }
