@@ -102,6 +102,69 @@ fn recorded_motion_comes_back() {
     }
 }
 
+/// A robot whose trunk turns about three hinges, its arm about two, and whose flag no motor moves.
+const TRUNK: &str = r#"<mujoco>
+  <compiler angle="radian" autolimits="true"/>
+  <worldbody>
+    <body name="trunk" pos="0 0 .5">
+      <joint name="yaw" axis="0 0 1" range="-1.2 1.2" damping="20"/>
+      <joint name="pitch" axis="0 1 0" range="-1 1" damping="20"/>
+      <joint name="roll" axis="1 .1 0" range="-1 1" damping="20"/>
+      <geom type="capsule" fromto="0 0 0 0 0 .3" size=".04" mass="2"/>
+      <body name="arm" pos="0 0 .4" euler="0 .2 0">
+        <joint name="shoulder" axis="0 1 .2" range="-1 1" damping="5"/>
+        <joint name="twist" axis="1 0 0" range="-1 1" damping="5"/>
+        <geom type="capsule" fromto=".05 0 0 .3 0 0" size=".03" mass="1"/>
+        <body name="flag" pos=".4 0 0">
+          <joint name="left/flap" axis="0 0 1" range="-1 1" damping="1"/>
+          <geom type="box" size=".05 .01 .05" pos=".06 0 0" mass=".1"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor joint="yaw" ctrlrange="-90 90"/>
+    <motor joint="pitch" ctrlrange="-90 90"/>
+    <motor joint="roll" ctrlrange="-90 90"/>
+    <motor joint="shoulder" ctrlrange="-30 30"/>
+    <motor joint="twist" ctrlrange="-30 30"/>
+  </actuator>
+</mujoco>"#;
+
+/// A take of this robot.
+fn of_trunk() -> Ran {
+    let clip = r#"{"format": "robert-clip/1", "name": "bow",
+      "robot": {"id": "trunk", "joints": ["yaw", "pitch", "roll", "shoulder", "twist", "left/flap"]},
+      "fps": 20, "length": 60, "fill": "linear",
+      "keys": [{"frame": 0, "q": [0, 0, 0, 0, 0, 0]}, {"frame": 40, "q": [0.9, 0.5, -0.6, 0.7, -0.8, 0.1]}]}"#;
+    robert()
+        .file("trunk/robot.xml", TRUNK)
+        .file("bow.clip.json", clip)
+        .args(["rollout", "bow.clip.json", "--robot", "trunk", "-p", "pd", "--out", "a.mcap", "-q"])
+        .succeeds()
+}
+
+/// BVH has the rotation of a body, from which the angles of several hinges must be found.
+#[test]
+fn two_and_three_hinges_of_a_body_come_back_from_bvh() {
+    let ran = of_trunk();
+    let run = |args: &[&str]| {
+        let (code, out, err) = call(ran.dir.path(), args);
+        assert_eq!(code, 0, "{args:?}: {err}");
+        out
+    };
+    run(&["export", "a.mcap", "--robot", "trunk", "--to", "bvh", "-o", "a.bvh"]);
+    run(&["clip", "convert", "a.bvh", "b.clip.json", "--robot", "trunk", "--thin", "0"]);
+    let want = rows(&run(&["export", "a.mcap", "--robot", "trunk", "--to", "csv"]));
+    let got = rows(&run(&["clip", "convert", "b.clip.json", "-", "--to", "csv"]));
+    assert_eq!(got.len(), want.len());
+    for (f, (a, b)) in got.iter().zip(&want).enumerate() {
+        let far = a.iter().zip(b).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
+        assert!(far <= 1.5e-6, "frame {f}: {a:?} {b:?}");
+    }
+    assert!(want[50].iter().take(5).all(|q| q.abs() > 0.3), "they moved: {:?}", want[50]);
+}
+
 /// Values of a CSV without its three leading columns.
 fn rows(text: &str) -> Vec<Vec<f64>> {
     let row = |line: &str| line.split(',').skip(3).map(|c| c.parse().unwrap()).collect();

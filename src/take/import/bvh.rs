@@ -1,7 +1,7 @@
 //! BVH files whose joints have the names of the robot's bodies.
 //!
-//! Files have the rotation of each joint since the rest pose. It is compared with the hinge of the
-//! body of the same name: the angle about the hinge is the joint's value. The robot cannot turn
+//! Files have the rotation of each joint since the rest pose. It is compared with the hinges of the
+//! body of the same name: the angles about them are the values of its joints. The robot cannot turn
 //! about other axes, so such rotation is reported. The rest pose must be the robot's own (all
 //! joints at zero); a file of another skeleton is refused.
 
@@ -13,6 +13,7 @@ use glam::{DQuat, DVec3};
 use super::super::error::Error;
 use super::super::export::{Pose, Skeleton};
 use super::samples::{Samples, at_line, foreign, rate};
+use super::turn::Hinges;
 use robert_base::limits;
 use robert_robot::Robot;
 
@@ -48,77 +49,119 @@ pub fn from_bvh(text: &str, robot: &Arc<Robot>) -> Result<Samples, Error> {
     let rest = skeleton.poses(&vec![0.0; robot.state_dim()])?;
     let by_name: BTreeMap<&str, usize> =
         joints.iter().enumerate().map(|(i, j)| (j.name.as_str(), i)).collect();
-    let mut hinges = Vec::new();
-    for j in 0..robot.state_dim() {
-        hinges.push(hinge(&skeleton, &rest, &by_name, j)?);
-    }
+    let moved: Vec<Moved> = (0..skeleton.names.len())
+        .filter(|body| !skeleton.joints_of(*body).is_empty())
+        .map(|body| Moved::of(&skeleton, &rest, &by_name, body))
+        .collect::<Result<_, _>>()?;
     let scale = same_rest(&skeleton, &rest, &joints, &by_name)?;
     let mut rows = Vec::with_capacity(frames.len());
     let mut last = vec![0.0; robot.state_dim()];
     for (f, frame) in frames.iter().enumerate() {
-        let moved = played(&joints, frame);
-        let mut row = Vec::with_capacity(hinges.len());
-        for (h, last) in hinges.iter().zip(&mut last) {
-            let (place, turn) = moved[h.joint];
-            let value = if h.slides {
-                (z_up(place) * scale - rest[h.body].pos).dot(h.axis)
-            } else {
-                let up = z_up(DVec3::new(turn.x, turn.y, turn.z));
-                let turn = DQuat::from_xyzw(up.x, up.y, up.z, turn.w);
-                let along = up.dot(h.axis);
-                let off = (up - along * h.axis).length();
-                if off > ROUNDING {
-                    return Err(foreign(format!(
-                        "frame {f}: {} turns about other axes than its hinge by {:.3} rad",
-                        joints[h.joint].name,
-                        2.0 * off.min(1.0).asin()
-                    )));
-                }
-                let angle = 2.0 * along.atan2(turn.w);
-                let whole = std::f64::consts::TAU;
-                // The nearest of the equal angles: no jump of a whole turn between frames.
-                angle + whole * ((*last - angle) / whole).round()
-            };
-            *last = value;
-            row.push(value);
+        let file = played(&joints, frame);
+        for body in &moved {
+            let (place, turn) = file[body.joint];
+            for (j, axis) in &body.slides {
+                last[*j] = (z_up(place) * scale - body.anchor).dot(*axis);
+            }
+            let up = z_up(DVec3::new(turn.x, turn.y, turn.z));
+            body.turn(DQuat::from_xyzw(up.x, up.y, up.z, turn.w), &mut last).map_err(|off| {
+                foreign(format!(
+                    "frame {f}: {} turns about other axes than its {} by {off:.3} rad",
+                    joints[body.joint].name,
+                    if body.hinges.axes.len() > 1 { "hinges" } else { "hinge" }
+                ))
+            })?;
         }
-        rows.push(row);
+        rows.push(last.clone());
     }
     let names = robot.joints().iter().map(|j| j.name.clone()).collect();
     Ok(Samples::steady(names, fps, rows))
 }
 
-/// The joint of the file that moves a joint of the robot, and its axis.
-struct Hinge {
+/// A body that joints move, and the joint of the file that has its motion.
+struct Moved {
     joint: usize,
-    body: usize,
-    /// In the world, at rest.
-    axis: DVec3,
-    slides: bool,
+    /// The point that it turns about, at rest, m.
+    anchor: DVec3,
+    /// Places in the state, and axes in the world at rest.
+    slides: Vec<(usize, DVec3)>,
+    hinges: Hinges,
+    /// Places of the hinges in the state, and their values in the model's own pose, rad.
+    turned: Vec<(usize, f64)>,
+    /// The rotation of the body at rest, and what its hinges have to do with it.
+    rest: DQuat,
+    by_rest: DQuat,
 }
 
-fn hinge(
-    skeleton: &Skeleton,
-    rest: &[Pose],
-    by_name: &BTreeMap<&str, usize>,
-    j: usize,
-) -> Result<Hinge, Error> {
-    let robot = skeleton.robot();
-    let id = robot.joints()[j].id;
-    let body = robot.model().jnt_bodyid()[id] as usize - 1;
-    let name = &skeleton.names[body];
-    let hinges = skeleton.joints_of(body).into_iter().filter(|j| !skeleton.slides(*j)).count();
-    if hinges > 1 {
-        return Err(foreign(format!("{name} turns about {hinges} hinges, which is not read")));
+impl Moved {
+    fn of(
+        skeleton: &Skeleton,
+        rest: &[Pose],
+        by_name: &BTreeMap<&str, usize>,
+        body: usize,
+    ) -> Result<Moved, Error> {
+        let (robot, name) = (skeleton.robot(), &skeleton.names[body]);
+        let word = name.replace(char::is_whitespace, "_");
+        let Some(&joint) = by_name.get(word.as_str()) else {
+            let has: Vec<&str> = by_name.keys().take(6).copied().collect();
+            return Err(foreign(format!("no joint {word}; the file has {}", has.join(", "))));
+        };
+        let (slides, turned): (Vec<usize>, Vec<usize>) =
+            skeleton.joints_of(body).into_iter().partition(|j| skeleton.slides(*j));
+        if slides.iter().any(|s| turned.iter().any(|h| qpos(robot, *h) < qpos(robot, *s))) {
+            return Err(foreign(format!(
+                "{name} slides along axes that it turns, which is not read"
+            )));
+        }
+        let axis = |j: &usize| {
+            let id = robot.joints()[*j].id;
+            DVec3::from_slice(&robot.model().jnt_axis()[3 * id..3 * id + 3]).normalize()
+        };
+        let turned: Vec<(usize, f64)> =
+            turned.into_iter().map(|j| (j, robot.model().qpos0()[qpos(robot, j)])).collect();
+        let range = |(j, own): &(usize, f64)| robot.joints()[*j].range.map(|limit| limit - own);
+        let hinges = Hinges {
+            axes: turned.iter().map(|(j, _)| axis(j)).collect(),
+            ranges: turned.iter().map(range).collect(),
+        };
+        if !hinges.are_told_apart() {
+            let count = turned.len();
+            return Err(foreign(format!(
+                "{name} turns about {count} hinges whose angles its rotation does not tell"
+            )));
+        }
+        let by_rest = turned
+            .iter()
+            .zip(&hinges.axes)
+            .fold(DQuat::IDENTITY, |q, ((_, own), axis)| q * DQuat::from_axis_angle(*axis, -own));
+        let at = turned.first().map_or(DVec3::ZERO, |(j, _)| skeleton.anchor(*j));
+        Ok(Moved {
+            joint,
+            anchor: rest[body].at(at),
+            slides: slides.iter().map(|j| (*j, rest[body].rot * axis(j))).collect(),
+            hinges,
+            turned,
+            rest: rest[body].rot,
+            by_rest,
+        })
     }
-    let word = name.replace(char::is_whitespace, "_");
-    let Some(&joint) = by_name.get(word.as_str()) else {
-        let has: Vec<&str> = by_name.keys().take(6).copied().collect();
-        return Err(foreign(format!("no joint {word}; the file has {}", has.join(", "))));
-    };
-    let axis = DVec3::from_slice(&robot.model().jnt_axis()[3 * id..3 * id + 3]);
-    let axis = (rest[body].rot * axis).normalize();
-    Ok(Hinge { joint, body, axis, slides: skeleton.slides(j) })
+
+    /// Puts the angles of a rotation since rest, in the world, into a state; the rotation that they do
+    /// not explain, rad, if it is more than rounding.
+    fn turn(&self, turn: DQuat, state: &mut [f64]) -> Result<(), f64> {
+        let own = self.by_rest * self.rest.inverse() * turn * self.rest;
+        let last: Vec<f64> = self.turned.iter().map(|(j, own)| state[*j] - own).collect();
+        let (angles, left) = self.hinges.angles(own, &last);
+        if left > ROUNDING {
+            return Err(left);
+        }
+        self.turned.iter().zip(angles).for_each(|((j, own), angle)| state[*j] = angle + own);
+        Ok(())
+    }
+}
+
+fn qpos(robot: &Robot, joint: usize) -> usize {
+    robot.joints()[joint].qposadr
 }
 
 /// Metres per unit of the file; an error if its rest pose is not the robot's.

@@ -12,6 +12,7 @@ mod pages;
 mod samples;
 mod thrift;
 mod tracking;
+mod turn;
 
 pub use bag::from_bag;
 pub use bvh::from_bvh;
