@@ -165,6 +165,35 @@ fn two_and_three_hinges_of_a_body_come_back_from_bvh() {
     assert!(want[50].iter().take(5).all(|q| q.abs() > 0.3), "they moved: {:?}", want[50]);
 }
 
+/// A controller refuses the name of a joint that it cannot command.
+#[test]
+fn joints_without_a_motor_are_not_commanded() {
+    let ran = of_trunk();
+    let run = |args: &[&str]| {
+        let all = [&["export", "a.mcap", "--robot", "trunk"][..], args].concat();
+        let (code, out, err) = call(ran.dir.path(), &all);
+        assert_eq!(code, 0, "{args:?}: {err}");
+        (out, err)
+    };
+    for what in ["achieved", "command"] {
+        let (yaml, told) = run(&["--to", "ros", "--what", what]);
+        assert!(yaml.contains("twist") && !yaml.contains("flap"), "{what}: {yaml}");
+        assert!(told.contains("no motor moves them directly: left/flap."), "{what}: {told}");
+    }
+    run(&["--to", "bag", "-o", "bag"]);
+    let args = ["clip", "convert", "bag", "b.clip.json", "--robot", "trunk", "--thin", "0"];
+    assert_eq!(call(ran.dir.path(), &args).0, 0, "the states in a bag have all joints");
+    let clip = std::fs::read_to_string(ran.path("b.clip.json")).unwrap();
+    assert!(clip.contains("left/flap"), "{clip}");
+    run(&["--to", "lerobot", "-o", "set"]);
+    let info = std::fs::read(ran.path("set/meta/info.json")).unwrap();
+    let info: serde_json::Value = serde_json::from_slice(&info).unwrap();
+    let names = |feature: &str| info["features"][feature]["names"].to_string();
+    assert!(names("observation.state").contains("left_flap.pos"), "{info}");
+    assert!(names("action").contains("twist.pos") && !names("action").contains("flap"), "{info}");
+    assert_eq!(info["features"]["action"]["shape"], serde_json::json!([5]));
+}
+
 /// Values of a CSV without its three leading columns.
 fn rows(text: &str) -> Vec<Vec<f64>> {
     let row = |line: &str| line.split(',').skip(3).map(|c| c.parse().unwrap()).collect();

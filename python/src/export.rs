@@ -86,12 +86,14 @@ pub(crate) fn export(
         "command" => What::Command,
         other => return Err(wrong(format!("what is achieved or command, not {other:?}"))),
     };
+    let motorised = Some(robot.motorised().map_err(raise)?);
     let ros_options = || RosOptions {
         lead_in_secs: options.lead_in,
         goal: options.goal,
         effort: options.effort,
         rename: options.rename.clone(),
         ranges: Some(robot.joints().iter().map(|j| j.range).collect()),
+        motorised: motorised.clone(),
     };
     options.check(to)?;
     let bodies =
@@ -133,6 +135,7 @@ pub(crate) fn export(
                     action,
                     degrees: options.degrees,
                     rename: options.rename.clone(),
+                    motorised: motorised.clone(),
                 },
             )
         }

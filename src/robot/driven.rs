@@ -13,19 +13,28 @@ impl Robot {
         members.map(|(j, _)| self.joints()[j].name.as_str()).collect()
     }
 
-    /// For each state joint, whether an actuator moves it, directly or through a joint that it
-    /// follows; (S). All other joints are passive.
+    /// For each state joint, whether an actuator pulls at it, alone or by a tendon; (S). These are the
+    /// joints that a robot's controllers can command.
     ///
     /// # Errors
     /// [`Error::Simulator`].
-    pub fn driven(&self) -> Result<Vec<bool>, Error> {
+    pub fn motorised(&self) -> Result<Vec<bool>, Error> {
         let mut data = Data::new(self.model())?;
         self.write_state(&mut data, &self.home())?;
         data.forward()?;
         let (nu, nv) = (self.model().nu(), self.model().nv());
         let moment = data.actuator_moment();
         let pulled = |dof: usize| (0..nu).any(|a| moment[a * nv + dof] != 0.0);
-        let mut driven: Vec<bool> = self.joints().iter().map(|j| pulled(j.dofadr)).collect();
+        Ok(self.joints().iter().map(|j| pulled(j.dofadr)).collect())
+    }
+
+    /// For each state joint, whether an actuator moves it, directly or through a joint that it
+    /// follows; (S). All other joints are passive.
+    ///
+    /// # Errors
+    /// [`Error::Simulator`].
+    pub fn driven(&self) -> Result<Vec<bool>, Error> {
+        let mut driven = self.motorised()?;
         // A chain of followers is at most as long as the robot.
         for _ in 0..driven.len() {
             for coupling in &self.profile().couplings {

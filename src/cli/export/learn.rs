@@ -1,6 +1,7 @@
 //! Datasets for learning, made of several takes or of collected data.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use serde_json::json;
 
@@ -10,10 +11,11 @@ use super::source::Source;
 use crate::cli::bar::Bar;
 use crate::cli::failure::{Failure, Outcome};
 use crate::cli::global::Global;
-use crate::cli::out;
+use crate::cli::{motion, out};
 use crate::dataset::{Dataset, Verify};
 use crate::progress::Progress as _;
 use crate::render::{CameraChoice, Motion, Overlay, Picture, RenderConfig, Renderer, Shot};
+use crate::robot::Robot;
 use crate::take::export::{
     Episode, Export, Films, LeRobotAction, LeRobotOptions, LeRobotVersion, lerobot, minari,
 };
@@ -59,9 +61,9 @@ impl Plan<'_> {
         out::line(&format!("{}: {frames} frames, {bytes} bytes", path.display()))
     }
 
-    fn options(&self) -> LeRobotOptions {
+    fn options(&self, robot: Option<&Arc<Robot>>) -> Outcome<LeRobotOptions> {
         let learn = &self.args.learn;
-        LeRobotOptions {
+        Ok(LeRobotOptions {
             version: learn.lerobot_version.unwrap_or(VersionArg::V3).into(),
             action: match learn.action {
                 None | Some(ActionArg::Position) => LeRobotAction::Position,
@@ -69,7 +71,8 @@ impl Plan<'_> {
             },
             degrees: learn.degrees,
             rename: self.rename.clone(),
-        }
+            motorised: robot.map(|r| r.motorised()).transpose()?,
+        })
     }
 
     /// Trajectories of a dataset.
@@ -87,7 +90,10 @@ impl Plan<'_> {
         let episodes = Episode::of_dataset(&data).map(named);
         if self.args.to == Format::Lerobot {
             let episodes: Vec<Episode> = episodes.collect();
-            return Ok(lerobot(&episodes, None, &self.options())?);
+            let recorded = &data.manifest().robot;
+            let robot = motion::robot_for(self.args.perform.robot.as_deref(), &recorded.id).ok();
+            let robot = robot.filter(|r| r.joints().iter().map(|j| &j.name).eq(&recorded.joints));
+            return Ok(lerobot(&episodes, None, &self.options(robot.as_ref())?)?);
         }
         let name = path.file_name().map_or("data".into(), |n| n.to_string_lossy());
         let mut agents: Vec<&str> = data.episodes().iter().map(|e| e.agent.as_str()).collect();
@@ -103,7 +109,7 @@ impl Plan<'_> {
             sources.iter().map(|s| Episode::of_take(&s.take, &task(s))).collect();
         if self.args.to == Format::Lerobot {
             let size = self.args.learn.video.as_deref().map(size).transpose()?;
-            let options = self.options();
+            let options = self.options(sources[0].robot.as_ref().ok())?;
             let films = size.map(|s| films(sources, options.version, s, global)).transpose()?;
             return Ok(lerobot(&episodes, films, &options)?);
         }

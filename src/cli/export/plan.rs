@@ -91,15 +91,16 @@ impl Plan<'_> {
         Ok(outputs)
     }
 
-    fn ros_options(&self, robot: Option<&Arc<Robot>>) -> RosOptions {
+    fn ros_options(&self, robot: Option<&Arc<Robot>>) -> Outcome<RosOptions> {
         let flags = &self.args.ros;
-        RosOptions {
+        Ok(RosOptions {
             lead_in_secs: flags.lead_in,
             goal: flags.goal,
             effort: flags.effort,
             rename: self.rename.clone(),
             ranges: robot.map(|r| r.joints().iter().map(|j| j.range).collect()),
-        }
+            motorised: robot.map(|r| r.motorised()).transpose()?,
+        })
     }
 
     /// One input in the format.
@@ -121,8 +122,8 @@ impl Plan<'_> {
                     args.bodies.unwrap_or(BodiesArg::Mujoco).into(),
                 )?
             }
-            Format::Ros => ros(take, what, &self.ros_options(known))?,
-            Format::Bag => bag(take, what, &self.ros_options(known))?,
+            Format::Ros => ros(take, what, &self.ros_options(known)?)?,
+            Format::Bag => bag(take, what, &self.ros_options(known)?)?,
             Format::Ur => {
                 ur_script(take, what, args.ur_move.unwrap_or(UrArg::Servoj).into(), &source.title)?
             }

@@ -8,7 +8,7 @@
 
 use std::fmt::Write as _;
 
-use super::super::command::{Command, Sight};
+use super::super::command::Command;
 use super::ExportError;
 
 /// Nanoseconds of a frame.
@@ -50,21 +50,39 @@ impl Trajectory {
     /// # Errors
     /// [`ExportError::Partial`], [`ExportError::Empty`].
     pub fn of_command(command: &Command) -> Result<Trajectory, ExportError> {
+        Trajectory::of_joints(command, |_| true)
+    }
+
+    /// [`Trajectory::of_command`] for some of the joints.
+    ///
+    /// # Errors
+    /// [`ExportError::Partial`], [`ExportError::Empty`].
+    pub fn of_joints(
+        command: &Command,
+        wanted: impl Fn(usize) -> bool,
+    ) -> Result<Trajectory, ExportError> {
+        let joints: Vec<usize> = (0..command.dim()).filter(|j| wanted(*j)).collect();
         let mut points = Vec::new();
         for frame in 0..command.frames() {
-            match command.sight(frame) {
-                Sight::Masked => continue,
-                Sight::Partial => return Err(ExportError::Partial { frame, format: "ros" }),
-                Sight::Full => {}
+            let goals = joints.iter().filter(|j| command.sees(frame, **j)).count();
+            if goals == 0 {
+                continue;
             }
-            let positions = command.row(frame).iter().map(|v| plain(*v)).collect();
+            if goals < joints.len() {
+                return Err(ExportError::Partial { frame, format: "ros" });
+            }
+            let row = command.row(frame);
+            let positions = joints.iter().map(|j| plain(row[*j])).collect();
             let nanos = u64::from(frame) * FRAME_NANOS;
             points.push(TrajectoryPoint { nanos, positions, ..TrajectoryPoint::default() });
         }
         if points.is_empty() {
             return Err(ExportError::Empty { format: "ros" });
         }
-        let mut trajectory = Trajectory { joints: command.joints().to_vec(), points };
+        let mut trajectory = Trajectory {
+            joints: joints.iter().map(|j| command.joints()[*j].clone()).collect(),
+            points,
+        };
         trajectory.slopes();
         trajectory.differentiate();
         Ok(trajectory)

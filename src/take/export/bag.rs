@@ -44,11 +44,15 @@ pub fn bag(take: &Take, what: What, options: &RosOptions) -> Result<Export, Erro
         meaning: Vec::new(),
         open: format!("ros2 bag play {}", Export::OUT),
     };
-    Ok(export
+    let export = export
         .says(format!(
             "{STATES}: {STATE_TYPE}, 20 a second; rad, rad/s, N m (m, m/s, N for slides)."
         ))
-        .says(format!("{PATH}: {PATH_TYPE}, once, at the start.")))
+        .says(format!("{PATH}: {PATH_TYPE}, once, at the start."));
+    Ok(match options.left_out(take) {
+        Some(names) => export.says(names),
+        None => export,
+    })
 }
 
 fn encode(take: &Take, trajectory: &Trajectory) -> mcap::McapResult<Vec<u8>> {

@@ -468,6 +468,7 @@ mod tests {
             action: LeRobotAction::Torque,
             degrees: true,
             rename: [("elbow".to_owned(), "bend".to_owned())].into(),
+            ..LeRobotOptions::default()
         };
         let export = lerobot(&episodes, None, &options).unwrap();
         let info: Value = serde_json::from_slice(file(&export, "meta/info.json")).unwrap();

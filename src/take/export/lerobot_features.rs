@@ -33,9 +33,13 @@ pub(super) fn features(e: &Episode, options: &LeRobotOptions) -> Vec<Feature> {
     let (names, action) = match options.action {
         LeRobotAction::Position => {
             let dim = e.position.names.len();
-            let mut next = position[dim..].to_vec();
-            next.extend_from_slice(&position[position.len() - dim..]);
-            (joint("pos"), next)
+            let commanded: Vec<usize> =
+                (0..dim).filter(|j| options.motorised.as_ref().is_none_or(|m| m[*j])).collect();
+            let rows = position[dim..].chunks_exact(dim);
+            let rows = rows.chain([&position[position.len() - dim..]]);
+            let next = rows.flat_map(|row| commanded.iter().map(|j| row[*j])).collect();
+            let names = joint("pos");
+            (commanded.iter().map(|j| names[*j].clone()).collect(), next)
         }
         LeRobotAction::Torque => {
             let dim = e.control.names.len();

@@ -36,6 +36,8 @@ pub struct LeRobotOptions {
     pub degrees: bool,
     /// Other names for joints and actuators.
     pub rename: BTreeMap<String, String>,
+    /// Whether a controller can command each joint, if this is known; (S). The others are observed only.
+    pub motorised: Option<Vec<bool>>,
 }
 
 /// The place of a file of version 3.

@@ -27,6 +27,26 @@ pub struct RosOptions {
     pub rename: BTreeMap<String, String>,
     /// Limits of the joints, if they are known; (S).
     pub ranges: Option<Vec<[f64; 2]>>,
+    /// Whether a controller can command each joint, if this is known; (S). The others are left out.
+    pub motorised: Option<Vec<bool>>,
+}
+
+impl RosOptions {
+    fn commands(&self, joint: usize) -> bool {
+        self.motorised.as_ref().is_none_or(|m| m[joint])
+    }
+
+    /// The sentence about joints that a trajectory leaves out.
+    pub(super) fn left_out(&self, take: &Take) -> Option<String> {
+        let names = take.robot.joints.iter().enumerate().filter(|(j, _)| !self.commands(*j));
+        let names: Vec<&str> = names.map(|(_, name)| name.as_str()).collect();
+        (!names.is_empty()).then(|| {
+            format!(
+                "Not in the trajectory, because no motor moves them directly: {}.",
+                names.join(" ")
+            )
+        })
+    }
 }
 
 /// The motion as YAML.
@@ -63,6 +83,9 @@ pub fn ros(take: &Take, what: What, options: &RosOptions) -> Result<Export, Erro
         trajectory.joints.join(" "),
         first.join(" ")
     ));
+    if let Some(names) = options.left_out(take) {
+        export = export.says(names);
+    }
     if let Some(moved) = settles {
         export = export.says(format!(
             "The motion still moves in its last frame: a point {SETTLE_SECS} s later, {moved:.4} rad or m on, brings it to rest."
@@ -79,11 +102,15 @@ pub(super) fn points(
     options: &RosOptions,
 ) -> Result<(Trajectory, Option<f64>), Error> {
     let mut settles = None;
+    let commanded: Vec<usize> = (0..take.state_dim()).filter(|j| options.commands(*j)).collect();
     let mut trajectory = match what {
-        What::Command => Trajectory::of_command(&take.command)?,
+        What::Command => Trajectory::of_joints(&take.command, |j| options.commands(j))?,
         What::Achieved => {
-            let mut reached = reached(take, options.effort);
-            settles = settle(&mut reached, options.ranges.as_deref());
+            let mut reached = reached(take, &commanded, options.effort);
+            let ranges = options.ranges.as_ref();
+            let ranges: Option<Vec<[f64; 2]>> =
+                ranges.map(|all| commanded.iter().map(|j| all[*j]).collect());
+            settles = settle(&mut reached, ranges.as_deref());
             reached.differentiate();
             reached
         }
@@ -97,22 +124,24 @@ pub(super) fn points(
     Ok((trajectory, settles))
 }
 
-/// A point a frame.
-fn reached(take: &Take, effort: bool) -> Trajectory {
+/// A point a frame, of these joints.
+fn reached(take: &Take, joints: &[usize], effort: bool) -> Trajectory {
     let dim = take.state_dim();
+    let of = |values: &[f64]| -> Vec<f64> { joints.iter().map(|j| values[*j]).collect() };
     let points = (0..take.frames()).map(|f| TrajectoryPoint {
         nanos: f as u64 * (NANOS as u64 / u64::from(FPS)),
-        positions: take.state(f).to_vec(),
-        velocities: row(&take.velocity, f, dim).to_vec(),
+        positions: of(take.state(f)),
+        velocities: of(row(&take.velocity, f, dim)),
         accelerations: Vec::new(),
         effort: match (effort, row(&take.effort, f, dim)) {
             (false, _) => Vec::new(),
             // The last frame ends the motion: no torque follows.
-            (true, []) => vec![0.0; dim],
-            (true, torque) => torque.to_vec(),
+            (true, []) => vec![0.0; joints.len()],
+            (true, torque) => of(torque),
         },
     });
-    Trajectory { joints: take.robot.joints.clone(), points: points.collect() }
+    let names = joints.iter().map(|j| take.robot.joints[*j].clone());
+    Trajectory { joints: names.collect(), points: points.collect() }
 }
 
 /// Brings the end to rest: in place if it hardly moves, otherwise by one more point, which constant
