@@ -59,6 +59,58 @@ fn stills_and_strips_have_their_size_and_say_so() {
 }
 
 #[test]
+fn a_legend_that_has_no_room_is_not_dropped_in_silence() {
+    let told = |size: &str| {
+        let args = ["render", "hop.clip.json", "-o", "a.png", "--kinematic", "--size", size];
+        let ran = robert().file("hop.clip.json", HOP).args(args).args(["--renderer", "cpu"]).run();
+        (ran.code, ran.stderr)
+    };
+    let (code, small) = told("320x240");
+    if code == 5 {
+        return;
+    }
+    assert!(small.contains("320x240 px are too few for the legend"), "{small}");
+    assert!(!told("640x480").1.contains("legend"));
+}
+
+/// Red is an arm that has no joints, beside one that has.
+const PAIR: &str = r#"<mujoco><compiler angle="radian" autolimits="true"/><worldbody>
+  <body name="left" pos="0 .6 .3"><joint name="lift" axis="0 1 0" range="-1 1" damping="5"/>
+    <geom type="capsule" fromto="0 0 0 .4 0 0" size=".03"/></body>
+  <geom type="capsule" fromto="0 -.6 .3 .4 -.6 .3" size=".03" rgba="1 0 0 1"/>
+  </worldbody><actuator><motor joint="lift" ctrlrange="-9 9"/></actuator></mujoco>"#;
+
+#[test]
+fn from_above_the_arm_that_stands_still_is_in_the_picture_too() {
+    let clip = r#"{"format": "robert-clip/1", "name": "lift", "robot": {"id": "pair", "joints": ["lift"]},
+        "fps": 20, "length": 20, "fill": "linear", "keys": [{"frame": 0, "q": [0]}, {"frame": 19, "q": [0.5]}]}"#;
+    let args = ["render", "lift.clip.json", "--robot", "pair", "--kinematic", "-o", "a.png", "-q"];
+    let ran = robert()
+        .file("pair/robot.xml", PAIR)
+        .file("lift.clip.json", clip)
+        .args(args)
+        .args(["--camera", "top", "--overlay", "none", "--renderer", "cpu", "--size", "160x120"])
+        .run();
+    if ran.code == 5 {
+        return;
+    }
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let file = std::io::BufReader::new(std::fs::File::open(ran.path("a.png")).unwrap());
+    let mut reader = png::Decoder::new(file).read_info().unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    let info = reader.next_frame(&mut pixels).unwrap();
+    let step = info.color_type.samples();
+    let red: Vec<usize> = pixels
+        .chunks_exact(step)
+        .enumerate()
+        .filter(|(_, p)| p[0] / 2 > p[1].max(p[2]) && p[0] > 90)
+        .map(|(i, _)| i / info.width as usize)
+        .collect();
+    assert!(red.len() > 50, "{} red pixels", red.len());
+    assert!(red.iter().all(|y| (1..119).contains(y)), "it is cut off");
+}
+
+#[test]
 fn films_have_every_frame() {
     for (name, magic) in [("a.gif", &b"GIF89a"[..]), ("a.apng", b"\x89PNG"), ("a.mp4", b"")] {
         let Some(ran) = render(&["-o", name, "--kinematic", "--json"]) else { return };

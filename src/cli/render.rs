@@ -131,6 +131,10 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     if plan.film.is_none() && frames.len() > 1 {
         shots.iter_mut().for_each(Shot::be_large);
     }
+    let (width, height) = renderer.size();
+    if shots.iter().any(|s| s.drops_legend(width, height)) {
+        tracing::warn!("{width}x{height} px are too few for the legend, which is left out");
+    }
     let bar = Bar::new("render", "frames", global.quiet);
     let mut draw = |i: usize, frame: usize| {
         stopped(&cancel, i)?;

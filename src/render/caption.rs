@@ -107,6 +107,12 @@ struct Plan {
 pub(super) struct Captioner(Letterer);
 
 impl Captioner {
+    /// Whether a picture of this size is too small for the legend.
+    pub(super) fn drops_legend(&self, width: u32, height: u32, caption: &Caption) -> bool {
+        let plan = self.plan(width as f32, height as f32, caption);
+        !caption.legend.is_empty() && plan.legend.is_none()
+    }
+
     /// Draws the caption into the corners.
     pub(super) fn draw(&self, picture: &mut Picture, caption: &Caption) {
         let plan = self.plan(picture.width as f32, picture.height as f32, caption);

@@ -55,6 +55,9 @@ impl Scene {
     }
 }
 
+/// What is farther from the moving parts than this many times their size belongs to no robot.
+const NEAR: f32 = 3.0;
+
 /// A robot with its scene and a simulation that is only used for kinematics.
 #[derive(Debug)]
 pub struct Stage {
@@ -127,6 +130,21 @@ impl Stage {
     pub fn moving_corners(&self, poses: &[Pose]) -> Vec<Vec3> {
         let corners = self.scene.corners_of(poses, |g| self.subject.get(g.body) == Some(&true));
         if corners.is_empty() { self.scene.corners(poses) } else { corners }
+    }
+
+    /// Corners of the parts of the robot that stand still, such as a pedestal, or an arm without joints.
+    /// Imports make still parts a part of the world. What is far larger or farther away than the moving parts,
+    /// whose corners are given, is scenery.
+    pub fn still_corners(&self, poses: &[Pose], moving: &[Vec3]) -> Vec<Vec3> {
+        let low = moving.iter().fold(Vec3::INFINITY, |a, p| a.min(*p));
+        let high = moving.iter().fold(Vec3::NEG_INFINITY, |a, p| a.max(*p));
+        let reach = Vec3::splat(NEAR * low.distance(high));
+        let is_near = |at: Vec3, radius: f32| {
+            (at - radius).cmpge(low - reach).all() && (at + radius).cmple(high + reach).all()
+        };
+        self.scene.corners_within(poses, |g, at, radius| {
+            self.subject.get(g.body) != Some(&true) && (g.body != 0 || is_near(at, radius))
+        })
     }
 
     /// Anchor and axis of every joint at the state of the last call, metres.

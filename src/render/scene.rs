@@ -237,12 +237,24 @@ impl Scene {
 
     /// The outermost points of the geoms that `wanted` selects; see [`Scene::corners`].
     pub fn corners_of(&self, poses: &[Pose], wanted: impl Fn(&Geom) -> bool) -> Vec<Vec3> {
+        self.corners_within(poses, |g, _, _| wanted(g))
+    }
+
+    /// As [`Scene::corners_of`]; `wanted` also gets the middle and the radius of the ball around a geom, m.
+    pub(super) fn corners_within(
+        &self,
+        poses: &[Pose],
+        wanted: impl Fn(&Geom, Vec3, f32) -> bool,
+    ) -> Vec<Vec3> {
         let mut out = Vec::new();
         for (g, pose) in self.geoms.iter().zip(poses) {
-            if !wanted(g) || !g.is_visible() || !pose.is_finite() {
+            if !g.is_visible() || !pose.is_finite() {
                 continue;
             }
             let Some((centre, half)) = self.extent(g) else { continue };
+            if !wanted(g, pose.pos + pose.rot * centre, half.length()) {
+                continue;
+            }
             let mut put = |p: Vec3| out.push(pose.pos + pose.rot * (centre + p));
             match g.shape {
                 // Of a ball, the middles of the faces, edges and corners of the box around it,

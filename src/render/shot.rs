@@ -9,6 +9,7 @@ use std::sync::Arc;
 use glam::{Vec2, Vec3};
 
 use super::camera_path::CameraPath;
+use super::caption::Captioner;
 use super::frame::{FrameInput, Ghost, Glyph, Mark, Trail, sun_for};
 use super::instances::{AXIS, CONTACT, FUTURE, PAST, tint};
 use super::motion::SIGHT_FRAMES;
@@ -187,7 +188,12 @@ impl Shot {
                 marks.push((tip, key, stage.site(&command, *site)?));
             }
         }
-        let points = points(&mut stage, &motion, overlay, &tips, &marks)?;
+        let mut points = points(&mut stage, &motion, overlay, &tips, &marks)?;
+        if *camera == CameraChoice::Top {
+            // A plan shows the whole robot, also an arm that stands still.
+            let poses = stage.poses(&motion.achieved[0])?;
+            points.extend(stage.still_corners(&poses, &points));
+        }
         let path = CameraPath::new(&mut stage, &motion, camera, &points, aspect)?;
         let fitted = match camera {
             CameraChoice::Fit | CameraChoice::Orbit => Some((stage.view(), aspect)),
@@ -274,6 +280,12 @@ impl Shot {
     /// drawn.
     pub fn be_large(&mut self) {
         self.large = true;
+    }
+
+    /// Whether pictures of this size are too small for the legend, and have none.
+    pub fn drops_legend(&self, width: u32, height: u32) -> bool {
+        let caption = self.overlay.caption.then(|| self.caption(0));
+        caption.is_some_and(|c| Captioner::default().drops_legend(width, height, &c))
     }
 
     /// The eye at a frame.
