@@ -130,6 +130,24 @@ fn an_export_is_a_job_with_progress_and_can_be_cancelled() {
 }
 
 #[test]
+fn formats_that_a_robot_cannot_have_say_why() {
+    let dir = tempfile::tempdir().unwrap();
+    let studio = open(&dir);
+    studio.rolled_out(0);
+    let why = || {
+        let formats = studio.get("/api/formats").json();
+        let formats = formats.as_array().unwrap().clone().into_iter();
+        let whys = formats.filter(|f| !f["why"].is_null());
+        whys.map(|f| (f["format"].clone(), f["why"].clone())).collect::<Vec<_>>()
+    };
+    assert!(why().is_empty(), "the arm can have all: {:?}", why());
+    studio.post("/api/gallery/pointmass%2Fstar", &json!({}));
+    studio.rolled_out(0);
+    let of_others = json!("only for a UR5e: this robot has other joints");
+    assert_eq!(why(), [(json!("ur"), of_others)]);
+}
+
+#[test]
 fn a_take_is_exported_beside_what_is_performed_now() {
     let dir = tempfile::tempdir().unwrap();
     let studio = open(&dir);

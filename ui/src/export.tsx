@@ -11,8 +11,11 @@ import type { ExportFormat } from "./protocol";
 import * as store from "./store";
 import { complain, http, httpFile } from "./wire";
 
-/** What can be made, as the studio lists it; asked for once. */
-const formats = signal<ExportFormat[]>([]);
+/** What can be made of a document's motion, as the studio lists it for its robot. */
+const listed = signal<{ opened: number | undefined; formats: readonly ExportFormat[] }>({
+  opened: undefined,
+  formats: [],
+});
 
 const SIZES: [[string, [number, number]], ...[string, [number, number]][]] = [
   ["640×480", [640, 480]],
@@ -42,24 +45,13 @@ const besideFile = signal("");
 /** The last part of a file's name: formats that share an ending, and files that were made before, do not share a
  * name. */
 function freePath(stem: string, f: ExportFormat): string {
-  const shared = formats.value.some((x) => x !== f && x.ending === f.ending);
+  const shared = listed.value.formats.some((x) => x !== f && x.ending === f.ending);
   const own = !shared || f.format === f.ending ? stem : `${stem}-${f.format}`;
   const made = [...store.jobs.value.values()].flatMap((job) => job.args[job.args.indexOf("-o") + 1] ?? []);
   const isMade = (path: string): boolean => made.includes(`${store.folder.value}/${path}`);
   let path = `${own}.${f.ending}`;
   for (let n = 2; isMade(path); n++) path = `${own}-${n}.${f.ending}`;
   return path;
-}
-
-/** The joints that the controller of a UR arm needs. */
-const UR = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2"];
-
-/** Why this robot cannot have a format; undefined when it can. */
-function unfit(f: ExportFormat, joints: readonly string[]): string | undefined {
-  const plain = joints.map((name) => name.replace(/_joint$/, ""));
-  return f.format === "ur" && !(plain.length === UR.length && UR.every((name) => plain.includes(name)))
-    ? "only for a UR5e: this robot has other joints"
-    : undefined;
 }
 
 export function Export({ onClose }: { onClose: () => void }) {
@@ -72,8 +64,10 @@ export function Export({ onClose }: { onClose: () => void }) {
   /** Found when a format is chosen: it does not change while the file is being made. */
   const offered = useSignal("");
   const choose = (index: number): void => {
-    const [format, name] = [formats.value[index], store.doc.value?.clip.name];
+    const [format, name] = [listed.value.formats[index], d?.clip.name];
     chosen.value = index;
+  const d = store.doc.value;
+  const isListed = listed.value.opened === d?.opened;
     typed.value = undefined;
     said.value = "";
     offered.value = format ? freePath(fileStem(name), format) : "";
@@ -81,15 +75,15 @@ export function Export({ onClose }: { onClose: () => void }) {
   if (typeof beside.value === "number" && !store.takes.value.some((t) => t.id === beside.value))
     beside.value = "";
   useEffect(() => {
-    if (formats.value.length === 0)
-      void http("GET /api/formats").then((list) => {
-        formats.value = list;
-        choose(0);
-      }, complain);
-    else choose(0);
+    if (isListed) choose(0);
+    // The robot may have been loaded since.
+    void http("GET /api/formats").then((formats) => {
+      listed.value = { opened: d?.opened, formats };
+      if (!isListed) choose(0);
+    }, complain);
   }, []);
-  const f = formats.value[chosen.value];
-  const d = store.doc.value;
+  const { formats } = listed.value;
+  const f = isListed ? formats[chosen.value] : undefined;
   if (!f || !d) return null;
   const isFilm = f.kind === "film";
   const isPictured = isFilm || f.kind === "picture";
@@ -151,15 +145,15 @@ export function Export({ onClose }: { onClose: () => void }) {
   return (
     <Dialog title="Export" class="wide" onClose={onClose}>
       <div class="formats" role="radiogroup" aria-label="Format">
-        {formats.value.map((x, i) => {
-          const why = unfit(x, d.clip.robot.joints);
+        {formats.map((x, i) => {
+          const why = x.why;
           return (
             <label key={x.format} class={i === chosen.value ? "on" : why ? "unfit" : ""}>
               <input
                 type="radio"
                 name="format"
                 checked={i === chosen.value}
-                disabled={why !== undefined}
+                disabled={why !== null}
                 onChange={() => choose(i)}
                 data-testid={`format-${x.format}`}
               />

@@ -13,9 +13,8 @@ use crate::protocol::{
     Beside, Error, ExportFormat, ExportRequest, ImportBody, JobKind, JobRequest, JobView,
     LinesFrom, UploadQuery,
 };
-use crate::workspace::formats::FORMATS;
 use crate::workspace::transfer::{Scene, Second};
-use crate::workspace::{export, robot_folders, transfer, upload_path};
+use crate::workspace::{export, formats, robot_folders, transfer, upload_path};
 use robert_base::fsio;
 use robert_base::limits;
 
@@ -114,8 +113,8 @@ pub(crate) async fn import(State(app): Shared, Json(body): Json<ImportBody>) -> 
 }
 
 /// `GET /api/formats`.
-pub(crate) async fn formats() -> Json<&'static [ExportFormat]> {
-    Json(FORMATS)
+pub(crate) async fn formats(State(app): Shared) -> Json<Vec<ExportFormat>> {
+    Json(formats::offered(app.simulation.robot().as_deref()))
 }
 
 /// `GET /api/jobs`.

@@ -104,7 +104,7 @@ pub enum ExportKind {
 }
 
 /// A format of `GET /api/formats`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct ExportFormat {
     /// For [`ExportRequest`].
@@ -117,6 +117,8 @@ pub struct ExportFormat {
     pub ending: &'static str,
     /// What becomes of it.
     pub kind: ExportKind,
+    /// Why the robot of the open clip cannot have it; `None` if it can.
+    pub why: Option<String>,
 }
 
 /// Body of `POST /api/exports`.

@@ -32,7 +32,7 @@
 //! | `POST /api/close` | 204; unsaved edits stay in the journal |
 //! | `POST /api/discard` | [`Edited`]: back to the saved content, as an edit |
 //! | `GET /api/thumbnail.jpg?path=P`, or `?take=N` | a picture of the middle of a clip's file or a take |
-//! | `GET /api/formats` | list of [`ExportFormat`] |
+//! | `GET /api/formats` | list of [`ExportFormat`], each with why the open clip's robot cannot have it, if so |
 //! | `GET /api/gallery` | list of [`GalleryItem`] |
 //! | `POST /api/gallery/{id}` | opens a copy: [`DocumentView`] |
 //! | `GET /api/recent` | list of [`RecentFile`] |

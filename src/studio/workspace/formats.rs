@@ -1,6 +1,9 @@
 //! The formats of exports: which the page offers, and what a file of each contains.
 
 use crate::protocol::{ExportFormat, ExportKind};
+use crate::simulation::RobotContext;
+use robert_base::units::Unit;
+use robert_take::export::{JointedBody, bvh_unfit, fits_ur};
 
 /// All of them, in the order in which the page shows them.
 pub(crate) const FORMATS: &[ExportFormat] = &[
@@ -53,7 +56,7 @@ const fn of(
     about: &'static str,
     ending: &'static str,
 ) -> ExportFormat {
-    ExportFormat { format, title, about, ending, kind }
+    ExportFormat { format, title, about, ending, kind, why: None }
 }
 
 const fn film(
@@ -72,6 +75,34 @@ const fn take(
     ending: &'static str,
 ) -> ExportFormat {
     of(ExportKind::Take, format, title, about, ending)
+}
+
+/// All of them as a robot can have them; without a robot, as they are.
+pub(crate) fn offered(robot: Option<&RobotContext>) -> Vec<ExportFormat> {
+    let told =
+        |f: &ExportFormat| ExportFormat { why: robot.and_then(|r| why(f.format, r)), ..f.clone() };
+    FORMATS.iter().map(told).collect()
+}
+
+/// Why a robot cannot have a format.
+fn why(format: &str, robot: &RobotContext) -> Option<String> {
+    let joints = &robot.table.joints;
+    match format {
+        "ur" if !fits_ur(joints.iter().map(|j| j.name.as_str())) => {
+            Some("only for a UR5e: this robot has other joints".to_owned())
+        }
+        "bvh" => {
+            let joint = |j: &usize| (joints[*j].unit == Unit::M, robot.axes[*j].pos.into());
+            // The first body is the world.
+            let bodies = robot.bodies.iter().skip(1).map(|body| JointedBody {
+                name: &body.name,
+                is_root: body.parent == 0,
+                joints: body.joints.iter().map(joint).collect(),
+            });
+            bvh_unfit(&bodies.collect::<Vec<_>>())
+        }
+        _ => None,
+    }
 }
 
 /// The format of this name.

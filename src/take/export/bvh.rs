@@ -53,6 +53,40 @@ pub fn bvh(take: &Take, robot: &Arc<Robot>) -> Result<Export, Error> {
         .says("All channels at zero are all joints at zero; torques, the command and the bodies' shapes are lost."))
 }
 
+/// What the format must know about a body of a robot.
+#[derive(Clone, Debug)]
+pub struct JointedBody<'a> {
+    /// Its name.
+    pub name: &'a str,
+    /// Whether the world is its parent.
+    pub is_root: bool,
+    /// Of each of its joints whether it slides, and a point on its axis in the body's frame, m.
+    pub joints: Vec<(bool, DVec3)>,
+}
+
+impl JointedBody<'_> {
+    /// The point that its first hinge turns about.
+    fn anchor(&self) -> Option<DVec3> {
+        self.joints.iter().find(|(slides, _)| !slides).map(|(_, anchor)| *anchor)
+    }
+}
+
+/// Why the format cannot have a robot with these bodies; `None` if it can.
+pub fn bvh_unfit(bodies: &[JointedBody<'_>]) -> Option<String> {
+    let roots = bodies.iter().filter(|b| b.is_root).count();
+    bodies.iter().find_map(|b| {
+        let hinges = || b.joints.iter().filter(|(slides, _)| !slides);
+        let near = |at: DVec3| b.anchor().is_some_and(|a| (at - a).length() < ONE_POINT);
+        if hinges().count() < b.joints.len() && !(b.is_root && roots == 1) {
+            Some(format!("{} slides, and only a single root can", b.name))
+        } else if !hinges().all(|(_, at)| near(*at)) {
+            Some(format!("the hinges of {} stand at several points", b.name))
+        } else {
+            None
+        }
+    })
+}
+
 /// The joints of the file's hierarchy.
 struct Tree {
     /// Bodies in the order of the channels; `None` is a root at the world's origin.
@@ -68,23 +102,23 @@ impl Tree {
         let robot = Arc::clone(skeleton.robot());
         let rest = skeleton.poses(&vec![0.0; robot.state_dim()])?;
         let roots: Vec<usize> = skeleton.children(None).collect();
-        let mut anchors = vec![DVec3::ZERO; rest.len()];
-        for (body, anchor) in anchors.iter_mut().enumerate() {
-            let name = &skeleton.names[body];
-            let joints = skeleton.joints_of(body);
-            let (slides, hinges): (Vec<usize>, Vec<usize>) =
-                joints.iter().partition(|j| skeleton.slides(**j));
-            if !slides.is_empty() && roots != [body] {
-                return Err(unfit(format!("{name} slides, and only a single root can")));
-            }
-            if let Some(first) = hinges.first() {
-                *anchor = skeleton.anchor(*first);
-                let near = |j: &usize| (skeleton.anchor(*j) - *anchor).length() < ONE_POINT;
-                if !hinges.iter().all(near) {
-                    return Err(unfit(format!("the hinges of {name} stand at several points")));
+        let bodies: Vec<JointedBody> = skeleton
+            .parents
+            .iter()
+            .enumerate()
+            .map(|(body, parent)| {
+                let joints = skeleton.joints_of(body).into_iter();
+                JointedBody {
+                    name: &skeleton.names[body],
+                    is_root: parent.is_none(),
+                    joints: joints.map(|j| (skeleton.slides(j), skeleton.anchor(j))).collect(),
                 }
-            }
+            })
+            .collect();
+        if let Some(problem) = bvh_unfit(&bodies) {
+            return Err(unfit(problem));
         }
+        let anchors = bodies.iter().map(|b| b.anchor().unwrap_or_default()).collect();
         let mut order = Vec::new();
         // A robot with one root needs no other; several roots become children of the world.
         let mut walk: Vec<Option<usize>> = match roots[..] {

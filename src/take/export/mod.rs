@@ -25,7 +25,7 @@ mod usda;
 mod video;
 
 pub use bag::bag;
-pub use bvh::bvh;
+pub use bvh::{JointedBody, bvh, bvh_unfit};
 pub use episode::{Columns, Episode};
 pub use files::{Export, File, Folder};
 pub use glb::glb;
@@ -36,6 +36,6 @@ pub use minari::minari;
 pub use skeleton::{Bodies, Pose, Skeleton};
 pub use tracking::{TRACKING_FPS, tracking};
 pub use trajectory::{RosOptions, ros};
-pub use ur_script::{UrMove, ur_script};
+pub use ur_script::{UrMove, fits_ur, ur_script};
 pub use usda::usda;
 pub use video::Films;

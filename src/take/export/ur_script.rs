@@ -25,17 +25,26 @@ pub enum UrMove {
     Movej,
 }
 
+/// Whether these are the joints of an arm that the program is for.
+pub fn fits_ur<'a>(joints: impl Iterator<Item = &'a str>) -> bool {
+    order(joints).is_some()
+}
+
+/// The places of the controller's joints among these; `None` for another robot.
+fn order<'a>(joints: impl Iterator<Item = &'a str>) -> Option<Vec<usize>> {
+    let joints: Vec<&str> = joints.map(|j| j.strip_suffix("_joint").unwrap_or(j)).collect();
+    let order: Option<Vec<usize>> =
+        JOINTS.iter().map(|n| joints.iter().position(|j| j == n)).collect();
+    order.filter(|o| o.len() == joints.len())
+}
+
 /// The motion as a program.
 ///
 /// # Errors
 /// [`Error::Unfit`] for another robot, for a joint faster than the arm, and for a command
 /// without goals.
 pub fn ur_script(take: &Take, what: What, how: UrMove, title: &str) -> Result<Export, Error> {
-    let plain = |joint: &str| joint.strip_suffix("_joint").unwrap_or(joint).to_owned();
-    let joints: Vec<String> = take.robot.joints.iter().map(|j| plain(j)).collect();
-    let order: Option<Vec<usize>> =
-        JOINTS.iter().map(|n| joints.iter().position(|j| j == n)).collect();
-    let Some(order) = order.filter(|o| o.len() == take.state_dim()) else {
+    let Some(order) = order(take.robot.joints.iter().map(String::as_str)) else {
         let robot = &take.robot.id;
         return Err(unfit(format!("the joints of a UR5e are needed, and {robot} has others")));
     };

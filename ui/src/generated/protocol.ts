@@ -522,6 +522,8 @@ export interface ExportFormat {
   kind: ExportKind;
   /** What people call it. */
   title: string;
+  /** Why the robot of the open clip cannot have it; null if it can. */
+  why: string | null;
 }
 
 /** What becomes of an export. */
