@@ -130,6 +130,26 @@ fn an_export_is_a_job_with_progress_and_can_be_cancelled() {
 }
 
 #[test]
+fn an_export_replaces_no_file_unasked() {
+    let dir = tempfile::tempdir().unwrap();
+    let studio = open(&dir);
+    std::fs::write(dir.path().join("a.csv"), "of an earlier session").unwrap();
+    std::fs::create_dir(dir.path().join("bag")).unwrap();
+    for (format, path) in [("csv", "a.csv"), ("bag", "bag")] {
+        let refused = studio.post("/api/exports", &json!({"format": format, "path": path}));
+        let code = refused.json()["code"].clone();
+        assert_eq!((refused.status, code.as_str()), (409, Some("exists")), "{refused:?}");
+    }
+    let kept = std::fs::read_to_string(dir.path().join("a.csv")).unwrap();
+    assert_eq!(kept, "of an earlier session");
+    assert_eq!(studio.get("/api/jobs").json(), json!([]), "nothing was started");
+    let asked = json!({"format": "csv", "path": "a.csv", "replace": true});
+    let job = studio.post("/api/exports", &asked).json();
+    assert_eq!(ended(&studio, &job)["phase"], "done");
+    assert!(std::fs::read_to_string(dir.path().join("a.csv")).unwrap().starts_with("frame,"));
+}
+
+#[test]
 fn formats_that_a_robot_cannot_have_say_why() {
     let dir = tempfile::tempdir().unwrap();
     let studio = open(&dir);

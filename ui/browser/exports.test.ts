@@ -1,6 +1,7 @@
 // What was exported, as whoever gets it sees it: the page that plays a take, the film.
 
 import assert from "node:assert/strict";
+import { writeFileSync } from "node:fs";
 import { pathToFileURL } from "node:url";
 import { ARM, describe, eventually, inView, type Studio, type Tab, test } from "./harness";
 import { meshesIn } from "./scene";
@@ -91,6 +92,25 @@ describe("what was exported", () => {
     }, film);
     assert.equal(changed.length, 23, "all frames");
     assert.ok(Math.max(...changed) < 12, `pixels that differ from the first frame: ${changed}`);
+  });
+
+  test("a file of an earlier session is replaced only if that is said", async () => {
+    await t.press("Control+e");
+    await t.byId("format-csv").check();
+    const name = await t.byId("export-path").inputValue();
+    writeFileSync(studio.file(name), "of an earlier session");
+    await t.click("export-folder");
+    const question = t.page.getByRole("dialog", { name: `Replace ${name}?` });
+    await question.getByRole("button", { name: "Cancel" }).click();
+    // Back where the export was chosen.
+    assert.ok(await t.byId("format-csv").isChecked());
+    assert.equal(await t.byId("export-path").inputValue(), name);
+    assert.equal(studio.read(name).toString(), "of an earlier session");
+    await t.click("export-folder");
+    await t.click("replace");
+    await t.byId("export-said").getByText(`${name}`).waitFor();
+    assert.match(studio.read(name).toString(), /^frame,/);
+    await t.press("Escape");
   });
 
   test("nothing left the origin, and no script broke", () => {

@@ -14,6 +14,7 @@ import { OffsetFades } from "./offset_fades";
 import { Palette, Shortcuts } from "./palette";
 import { poseAt } from "./posing";
 import type { Op } from "./protocol";
+import { Replace } from "./replace";
 import * as store from "./store";
 import { choice, setTheme } from "./theme";
 import { edit, tell } from "./wire";
@@ -273,26 +274,7 @@ export function Dialogs() {
       );
     case "replace": {
       const { path } = asked;
-      return (
-        <Dialog title={`Replace ${path}?`} onClose={onClose}>
-          <p>There is already a file of that name. Replacing it deletes its contents.</p>
-          <div class="row answers">
-            <button type="button" onClick={onClose}>
-              Cancel
-            </button>
-            <button
-              class="main"
-              onClick={() => {
-                onClose();
-                void save(path, true);
-              }}
-              data-testid="replace"
-            >
-              Replace
-            </button>
-          </div>
-        </Dialog>
-      );
+      return <Replace path={path} onClose={onClose} onReplace={() => void save(path, true)} />;
     }
     case "changed": {
       const then = (run: () => void) => () => {

@@ -8,6 +8,7 @@ import { JobBar } from "./job_bar";
 import { ended, fetchFile, isRunning, saveUrl, startExport } from "./jobs";
 import { labelInWords } from "./policy_words";
 import type { ExportFormat } from "./protocol";
+import { Replace } from "./replace";
 import * as store from "./store";
 import { complain, http, httpFile } from "./wire";
 
@@ -61,13 +62,15 @@ export function Export({ onClose }: { onClose: () => void }) {
   const typed = useSignal<string | undefined>(undefined);
   const job = useSignal<number | undefined>(undefined);
   const said = useSignal("");
+  /** The file that is there already, while the question is open whether it is replaced. */
+  const there = useSignal<string | undefined>(undefined);
   /** Found when a format is chosen: it does not change while the file is being made. */
   const offered = useSignal("");
+  const d = store.doc.value;
+  const isListed = listed.value.opened === d?.opened;
   const choose = (index: number): void => {
     const [format, name] = [listed.value.formats[index], d?.clip.name];
     chosen.value = index;
-  const d = store.doc.value;
-  const isListed = listed.value.opened === d?.opened;
     typed.value = undefined;
     said.value = "";
     offered.value = format ? freePath(fileStem(name), format) : "";
@@ -100,7 +103,7 @@ export function Export({ onClose }: { onClose: () => void }) {
     // A clip is JSON, too.
     return URL.createObjectURL(await httpFile("GET /api/export", { query: { format } }));
   };
-  const run = async (toFolder: boolean): Promise<void> => {
+  const run = async (toFolder: boolean, replace = false): Promise<void> => {
     said.value = "";
     try {
       if (isClip) return saveUrl(await clipFile(), `${stem}.${f.ending}`);
@@ -118,7 +121,7 @@ export function Export({ onClose }: { onClose: () => void }) {
         f.format === "png" ? [at, at + 1] : !whole.value && range ? [range.from, range.to] : undefined;
       const started = await startExport({
         format: f.format,
-        ...(toFolder ? { path } : {}),
+        ...(toFolder ? { path, replace } : {}),
         ...(isPictured ? { size: (SIZES[size.value] ?? SIZES[0])[1] } : {}),
         ...(frames && isPictured && f.format !== "strip" ? { frames } : {}),
         ...(isPictured
@@ -131,6 +134,7 @@ export function Export({ onClose }: { onClose: () => void }) {
         ...(f.format === "strip" ? { moments } : {}),
       });
       if (!started) return;
+      if (started === "exists") return void (there.value = path);
       job.value = started.id;
       const done = await ended(started.id);
       if (done.phase === "failed")
@@ -142,6 +146,10 @@ export function Export({ onClose }: { onClose: () => void }) {
       store.toast(e instanceof Error ? e.message : String(e), "error");
     }
   };
+  if (there.value !== undefined) {
+    const back = (): void => void (there.value = undefined);
+    return <Replace path={there.value} onClose={back} onReplace={() => void run(true, true)} />;
+  }
   return (
     <Dialog title="Export" class="wide" onClose={onClose}>
       <div class="formats" role="radiogroup" aria-label="Format">

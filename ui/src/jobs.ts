@@ -3,7 +3,7 @@
 import { signal } from "@preact/signals";
 import type { ExportRequest, JobEvent, JobKind, JobView } from "./protocol";
 import * as store from "./store";
-import { complain, http } from "./wire";
+import { complain, http, Refusal } from "./wire";
 
 /** The source of the robot that was imported last: the training page turns to it. */
 export const imported = signal<string | undefined>(undefined);
@@ -90,13 +90,14 @@ export async function startJob(kind: JobKind, args: string[]): Promise<JobView |
   }
 }
 
-/** Starts an export of the clip as it is performed now. */
-export async function startExport(options: ExportRequest): Promise<JobView | undefined> {
+/** Starts an export of the clip as it is performed now; nothing is started where a file would have to be replaced. */
+export async function startExport(options: ExportRequest): Promise<JobView | "exists" | undefined> {
   try {
     const job = await http("POST /api/exports", { body: options });
     store.jobs.value = new Map(store.jobs.value).set(job.id, store.jobs.value.get(job.id) ?? job);
     return job;
   } catch (e) {
+    if (e instanceof Refusal && e.body.code === "exists") return "exists";
     complain(e);
     return undefined;
   }

@@ -113,7 +113,7 @@ export function Rendered() {
       size: [640, 400],
       ...(format === "png" ? { frames: [frame, frame + 1] } : {}),
     });
-    if (!started) return;
+    if (!started || started === "exists") return;
     job.value = started.id;
     const done = await ended(started.id);
     if (done.phase !== "done") return;

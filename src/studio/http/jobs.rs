@@ -35,8 +35,15 @@ pub(crate) async fn start_export(
         Some(Beside::File(path)) => Some(Second::File(app.workspace.path(path)?)),
         None => None,
     };
+    let target = transfer::target(&body, &app.workspace.folder)?;
+    if let Some(path) = target.clone().filter(|_| !body.replace) {
+        let exists = move || path.exists().then_some(path);
+        if let Some(path) = apart("the file was not looked for", exists).await? {
+            return Err(Error::Exists { path }.into());
+        }
+    }
     let scene = Scene { clip: &clip, robot: &robot.source, settings: &settings, beside };
-    let (request, extra) = transfer::job(&body, &scene, &app.workspace.folder)?;
+    let (request, extra) = transfer::job(&body, &scene, target)?;
     Ok(Json(app.jobs.start_with(request, extra, &app.workspace.folder)?))
 }
 

@@ -132,6 +132,9 @@ pub struct ExportRequest {
     /// from the job.
     #[serde(default)]
     pub path: Option<String>,
+    /// Whether another file of that name is to be replaced.
+    #[serde(default)]
+    pub replace: bool,
     /// Pixels, for pictures and films.
     #[serde(default)]
     pub size: Option<[u32; 2]>,

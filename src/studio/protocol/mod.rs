@@ -50,7 +50,7 @@
 //! | `GET /api/rollout` | [`RolloutView`] with all frames |
 //! | `GET /api/takes`, `/api/takes/{id}` | [`TakesView`]: finished rollouts of the open robot; the motion of one |
 //! | `GET /api/export?format=F` | bytes; F = json, csv, mjcf, ros, command (clip) or achieved-csv (rollout) |
-//! | `POST /api/exports` `{format, path?, size?, frames?, overlay?, camera?, moments?}` | `JobView`: performs the clip as it is and writes mp4, gif, apng, png, strip, mcap, csv, json, mjcf, ros, viser or html |
+//! | `POST /api/exports` `{format, path?, replace?, size?, frames?, overlay?, camera?, moments?}` | `JobView`; 409 where a file of that name is, unless `replace`. It performs the clip as it is and writes mp4, gif, apng, png, strip, mcap, csv, json, mjcf, ros, viser or html |
 //! | `GET /api/still-body?frame=N&w=W&h=H&x=X&y=Y` | name of the body that the draft still shows at X, Y (0 to 1 from the top left), or null |
 //! | `GET /api/still.jpg?frame=N&w=W&h=H&draft=B&achieved=B&command=B&ghosts=B&pose=Q,..` | the rollout at a frame, or a pose in its place, rendered here; 500 with what to install where no driver is |
 //! | `GET /api/pose.jpg?pose=NAME`, `/api/gallery-picture.jpg?id=ID` | a pose; an example, performed |

@@ -30,14 +30,28 @@ pub(crate) enum Second {
     File(PathBuf),
 }
 
-/// The job that makes an export.
+/// The file that an export is to write; `None` if the result is fetched from the job.
+///
+/// # Errors
+/// [`Error::Request`] for what is no path.
+pub(crate) fn target(ask: &ExportRequest, folder: &Path) -> Result<Option<PathBuf>, Error> {
+    match &ask.path {
+        Some(path) if path.is_empty() || path.contains('\0') => {
+            Err(Error::request("this is no path"))
+        }
+        Some(path) => Ok(Some(folder.join(path))),
+        None => Ok(None),
+    }
+}
+
+/// The job that makes an export, into the target or a file of its own.
 ///
 /// # Errors
 /// [`Error::Request`] for options that make no sense, [`Error::Server`].
 pub(crate) fn job(
     ask: &ExportRequest,
     scene: &Scene<'_>,
-    folder: &Path,
+    target: Option<PathBuf>,
 ) -> Result<(JobRequest, Extra), Error> {
     let Scene { clip, robot, settings, beside } = scene;
     let format = ask.format.as_str();
@@ -52,13 +66,7 @@ pub(crate) fn job(
         return Err(Error::request(format!("no format is called {format:?}; there are {all}")));
     };
     let ending = if format == "json" { "json" } else { known.ending };
-    let output = match &ask.path {
-        Some(path) if path.is_empty() || path.contains('\0') => {
-            return Err(Error::request("this is no path"));
-        }
-        Some(path) => folder.join(path),
-        None => scratch.path().join(format!("{stem}.{ending}")),
-    };
+    let output = target.unwrap_or_else(|| scratch.path().join(format!("{stem}.{ending}")));
     let drawn = matches!(known.kind, ExportKind::Film | ExportKind::Picture);
     let mut args: Vec<String> = vec![source.display().to_string()];
     let mut option = |name: &str, value: String| args.extend([name.to_owned(), value]);

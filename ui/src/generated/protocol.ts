@@ -563,6 +563,8 @@ export interface ExportRequest {
    * from the job.
    */
   path?: string;
+  /** Whether another file of that name is to be replaced. */
+  replace?: boolean;
   /** Pixels, for pictures and films. */
   size?: [number, number];
 }
