@@ -3,18 +3,9 @@
 import { CircleDashed, FileText, X } from "lucide";
 import { opening, refreshGallery } from "./documents";
 import { Icon } from "./icon";
-import type { DocumentView, Draft } from "./protocol";
-import { recoveredOf, setAnswered } from "./restored";
 import * as store from "./store";
 import { Thumbnail } from "./thumbnail";
 import { complain, http } from "./wire";
-
-/** A clip that was never saved. Who left it for another one knows that its edits are there. */
-async function reopened(of: Draft): Promise<DocumentView> {
-  const view = await http("POST /api/drafts/{number}", { at: { number: of.number } });
-  if (!of.abandoned) setAnswered({ ...view, recovered: recoveredOf(view) });
-  return view;
-}
 
 export function OwnFiles({ titles }: { titles: Record<string, string> }) {
   const drafts = store.drafts.value;
@@ -29,7 +20,7 @@ export function OwnFiles({ titles }: { titles: Record<string, string> }) {
             <button
               class="quiet file"
               aria-label={d.name || "untitled"}
-              onClick={() => void opening(reopened(d))}
+              onClick={() => void opening(http("POST /api/drafts/{number}", { at: { number: d.number } }))}
             >
               <Icon of={CircleDashed} size={16} />
               <b>{d.name || "untitled"}</b>

@@ -9,12 +9,12 @@ const PLACE = "restored";
 
 const answered = signal<readonly string[]>(JSON.parse(globalThis.sessionStorage?.getItem(PLACE) ?? "[]"));
 
-/** Edits, undos and redos that came back. */
+/** How many edits came back when the document was opened. */
 export function recoveredOf(d: DocumentView): number {
   return d.restored?.edits ?? 0;
 }
 
-/** How many edits came back. What had been undone before is none. */
+/** How many of them are done: what was undone since is none. */
 export function restoredOf(d: DocumentView): number {
   return Math.min(recoveredOf(d), d.history.done);
 }

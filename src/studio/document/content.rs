@@ -111,7 +111,7 @@ impl Document {
         self.editor.clip() != &self.saved
     }
 
-    /// The edits that the start recovered.
+    /// What was recovered when the document was opened.
     pub(crate) fn restored(&self) -> Option<&Restored> {
         self.restored.as_ref()
     }

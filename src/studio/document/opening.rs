@@ -12,9 +12,9 @@ use robert_clip as clip;
 use robert_clip::{Clip, Editor, JointTable, Step};
 
 impl Restored {
-    pub(super) fn of(edits: usize, damage: Damage) -> Restored {
+    fn of(edits: usize, file_changed: bool, damage: Damage) -> Restored {
         let Damage { torn_bytes, lost, kept } = damage;
-        Restored { edits, torn_bytes, lost, kept, file_changed: false }
+        Restored { edits, torn_bytes, lost, kept, file_changed }
     }
 }
 
@@ -101,7 +101,7 @@ impl Document {
             let mut document = Document::at(Some(path), editor, journal, saved, saved_text);
             document.rebase()?;
             if damage != Damage::default() {
-                document.restored = Some(Restored::of(0, damage));
+                document.restored = Some(Restored::of(0, false, damage));
             }
             return Ok(document);
         };
@@ -113,11 +113,25 @@ impl Document {
         };
         let mut document = Document::at(Some(path), editor, journal, saved, saved_text);
         document.replay(&records, &mut damage)?;
-        document.restored = Some(Restored { file_changed, ..Restored::of(edits, damage) });
+        document.restored = document.recovered(&records, file_changed, damage);
         if records.last() == Some(&Record::Closed) {
             document.taken_up();
         }
         Ok(document)
+    }
+
+    /// What came back without the user's knowledge. Who closed a clip knows of its unsaved edits, but
+    /// not that another program has changed the file since.
+    fn recovered(
+        &self,
+        records: &[Record],
+        file_changed: bool,
+        damage: Damage,
+    ) -> Option<Restored> {
+        let is_known = records.last() == Some(&Record::Closed) && !file_changed;
+        let is_news = self.is_dirty() && !is_known;
+        let edits = self.history().1;
+        (is_news || damage != Damage::default()).then(|| Restored::of(edits, file_changed, damage))
     }
 
     /// A document without a file, journalled in the state folder.
@@ -164,7 +178,7 @@ impl Document {
         let editor = Editor::new(start.clone(), facts).map_err(invalid)?;
         let mut document = Document::at(None, editor, journal, start, text.clone());
         document.replay(records, &mut damage)?;
-        document.restored = Some(Restored::of(edits(records), damage));
+        document.restored = document.recovered(records, false, damage);
         Ok(document)
     }
 

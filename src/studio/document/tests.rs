@@ -33,7 +33,7 @@ fn comes_back_with_history_and_undoes_to_the_same_bytes() {
     drop(doc); // as a kill would
     let mut doc = Document::open(&path, dir.path(), |_| None).unwrap();
     assert_eq!((doc.clip(), doc.history().0), (&clip, history));
-    assert_eq!(doc.restored().unwrap().edits, 4);
+    assert_eq!(doc.restored().unwrap().edits, 2, "an undo is none, and takes one away");
     doc.edit(&[Edit::Goto(0)]).pop().unwrap().unwrap();
     assert_eq!(doc.text(), text);
     doc.close();
@@ -152,10 +152,11 @@ fn what_was_put_away_is_a_draft_and_what_was_killed_comes_back() {
     assert!(!draft.abandoned);
     // Taken up again it is whole, and a kill before any further edit is a kill.
     let doc = Document::draft(dir.path(), draft.number, |_| None).unwrap();
-    assert_eq!((doc.restored().unwrap().edits, doc.history().1), (2, 2));
+    assert_eq!((doc.restored(), doc.history().1), (None, 2), "nothing had to be recovered");
     drop(doc);
     assert!(Document::drafts(dir.path())[0].abandoned);
     let doc = Document::orphan(dir.path(), |_| None).unwrap();
+    assert_eq!(doc.restored().unwrap().edits, 2);
     assert_eq!(doc.clip().keys.len(), 3);
 }
 
@@ -176,7 +177,7 @@ fn a_file_that_was_put_away_is_not_one_that_was_killed() {
     doc.close();
     assert!(left().unwrap().is_none(), "its edits wait, but nothing was killed");
     let doc = open();
-    assert_eq!(doc.restored().unwrap().edits, 1);
+    assert!(doc.restored().is_none() && doc.is_dirty(), "its user left it so");
     drop(doc);
     let mut doc = left().unwrap().expect("killed before any further edit");
     assert_eq!((doc.restored().unwrap().edits, doc.history().1), (1, 1));
@@ -188,6 +189,27 @@ fn a_file_that_was_put_away_is_not_one_that_was_killed() {
     doc.close();
     assert!(left().unwrap().is_none());
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1, "no journal is left");
+}
+
+#[test]
+fn what_was_all_undone_is_not_recovered_and_a_changed_file_is_told_of() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("wave.clip.json");
+    std::fs::write(&file, blank().to_text()).unwrap();
+    let open = || Document::open(&file, dir.path(), |_| None).unwrap();
+    let mut doc = open();
+    doc.edit(&[add(20), add(40), Edit::Undo, Edit::Undo]);
+    drop(doc);
+    let mut doc = open();
+    assert_eq!((doc.restored(), doc.history()), (None, (2, 0)), "redo is left");
+    doc.edit(&[Edit::Redo]);
+    doc.close();
+    let mut other = blank();
+    other.name = "of another program".into();
+    std::fs::write(&file, other.to_text()).unwrap();
+    let doc = open();
+    let told = doc.restored().expect("saving would overwrite what the other program wrote");
+    assert_eq!((told.edits, told.file_changed), (1, true));
 }
 
 #[test]

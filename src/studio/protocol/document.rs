@@ -58,7 +58,7 @@ pub struct DocumentView {
     pub history: History,
     /// Facts about its robot that the timeline needs; joints in the order of the clip.
     pub table: JointTable,
-    /// Unsaved edits that a start recovered: show the banner.
+    /// Unsaved edits that came back and that nobody expects: show the banner.
     pub restored: Option<Restored>,
     /// Problems and timeline.
     pub findings: Findings,
@@ -112,11 +112,12 @@ pub struct Draft {
     pub abandoned: bool,
 }
 
-/// The edits that a start recovered from a journal.
+/// What came back when a clip was opened: its studio was killed, another program has changed its file since
+/// it was closed, or its journal is damaged.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Restored {
-    /// Edits that had not been saved.
+    /// Edits that are not saved; what had been undone is none.
     pub edits: usize,
     /// Bytes of an unfinished record at the end that were dropped; it was never acknowledged.
     pub torn_bytes: u64,

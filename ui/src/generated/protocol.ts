@@ -366,7 +366,7 @@ export interface DocumentView {
   path: string | null;
   /** Policies as its robot can have them. */
   policies: PolicyCard[];
-  /** Unsaved edits that a start recovered: show the banner. */
+  /** Unsaved edits that came back and that nobody expects: show the banner. */
   restored: Restored | null;
   /** Version. */
   rev: number;
@@ -1701,9 +1701,12 @@ export interface RecentFile {
   robot: string;
 }
 
-/** The edits that a start recovered from a journal. */
+/**
+ * What came back when a clip was opened: its studio was killed, another program has changed its file since
+ * it was closed, or its journal is damaged.
+ */
 export interface Restored {
-  /** Edits that had not been saved. */
+  /** Edits that are not saved; what had been undone is none. */
   edits: number;
   /**
    * Whether another program has changed the file since then, so that saving would overwrite that
