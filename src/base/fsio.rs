@@ -169,6 +169,15 @@ fn follow_links(path: &Path) -> io::Result<PathBuf> {
     Err(rustix::io::Errno::LOOP.into())
 }
 
+/// The file that a path leads to, without links on the way; the file need not exist. A path that leads
+/// nowhere stays as it is.
+pub fn resolved(path: &Path) -> PathBuf {
+    let end = follow_links(path).ok();
+    let end =
+        end.and_then(|end| Some(fs::canonicalize(folder_of(&end)).ok()?.join(end.file_name()?)));
+    end.unwrap_or_else(|| path.to_owned())
+}
+
 /// Refuses everything that is not a regular file, with an error that names its kind.
 fn regular(found: &Metadata) -> io::Result<()> {
     let kind = found.file_type();

@@ -7,7 +7,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::places::open_journal;
+use super::places::{is_same_file, open_journal};
 use super::replayed::Replayed;
 use crate::document::journal::{Journal, Record};
 use crate::protocol::{Error, Restored};
@@ -259,7 +259,7 @@ impl Document {
             None => self.path.clone().ok_or(Error::Untitled)?,
         };
         let text = self.text();
-        let moved = self.path.as_deref() != Some(&target);
+        let moved = !self.path.as_deref().is_some_and(|own| is_same_file(own, &target));
         if moved && !replace && target.exists() {
             return Err(Error::Exists { path: target });
         }

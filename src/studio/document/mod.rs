@@ -10,3 +10,4 @@ mod replayed;
 mod tests;
 
 pub(crate) use content::{Document, Edit};
+pub(crate) use places::is_same_file;

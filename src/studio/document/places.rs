@@ -12,7 +12,7 @@ pub(super) type Found = (Journal, Vec<Record>, Damage);
 pub(crate) fn open_journal(clip: &Path, state_dir: &Path) -> Result<Found, Error> {
     let [beside, elsewhere] = journal_places(clip, state_dir);
     // Opening creates a journal, but must not create the clip's folder.
-    if !clip.parent().is_some_and(Path::is_dir) {
+    if !beside.parent().is_some_and(Path::is_dir) {
         let source = std::io::Error::from(std::io::ErrorKind::NotFound);
         return Err(fsio::Error::Read { source, path: clip.to_owned() }.into());
     }
@@ -31,9 +31,15 @@ pub(crate) fn open_journal(clip: &Path, state_dir: &Path) -> Result<Found, Error
     }
 }
 
+/// Whether two paths lead to the same file, or would if it were there.
+pub(crate) fn is_same_file(a: &Path, b: &Path) -> bool {
+    a == b || fsio::resolved(a) == fsio::resolved(b)
+}
+
 /// The possible paths of a clip file's journal: beside it, or in the state folder if its own folder
-/// cannot be written.
+/// cannot be written. A file has one journal, whichever link leads to it.
 pub(super) fn journal_places(clip: &Path, state_dir: &Path) -> [PathBuf; 2] {
+    let clip = fsio::resolved(clip);
     let mut name = clip.file_name().unwrap_or_default().to_owned();
     name.push(".autosave");
     let hash = fsio::sha256_hex(clip.as_os_str().as_encoded_bytes());

@@ -95,6 +95,43 @@ fn saving_under_another_name_loses_no_edits_of_the_clip_there() {
 }
 
 #[test]
+fn a_file_has_one_journal_whichever_link_leads_to_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let (folder, file) = (dir.path().join("clips"), dir.path().join("clips/wave.clip.json"));
+    std::fs::create_dir(&folder).unwrap();
+    std::fs::write(&file, blank().to_text()).unwrap();
+    let link = dir.path().join("link.clip.json");
+    std::os::unix::fs::symlink("clips/wave.clip.json", &link).unwrap();
+    let linked_folder = dir.path().join("linked");
+    std::os::unix::fs::symlink("clips", &linked_folder).unwrap();
+    let open = |path: &std::path::Path| Document::open(path, dir.path(), |_| None);
+    let mut doc = open(&link).unwrap();
+    doc.edit(&[add(20)]);
+    for other in [&file, &linked_folder.join("wave.clip.json")] {
+        assert!(matches!(open(other), Err(Error::Locked { .. })), "{}", other.display());
+    }
+    drop(doc);
+    let mut doc = open(&file).unwrap();
+    assert!(doc.clip().key(20).is_some(), "the edits that were made through the link");
+    // Saving under the link's name is saving the same file.
+    doc.save(Some(&link), false, dir.path()).unwrap();
+    assert_eq!(doc.path(), Some(link.as_path()));
+    assert!(std::fs::symlink_metadata(&link).unwrap().is_symlink(), "the link stays one");
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), doc.text());
+    doc.edit(&[add(40)]);
+    drop(doc);
+    assert!(open(&file).unwrap().clip().key(40).is_some());
+    // A link to a file that is not there yet.
+    let ahead = dir.path().join("ahead.clip.json");
+    std::os::unix::fs::symlink("clips/new.clip.json", &ahead).unwrap();
+    let mut doc = Document::new(blank(), dir.path(), None).unwrap();
+    doc.save(Some(&ahead), false, dir.path()).unwrap();
+    doc.edit(&[add(60)]);
+    drop(doc);
+    assert!(open(&folder.join("new.clip.json")).unwrap().clip().key(60).is_some());
+}
+
+#[test]
 fn an_unsaved_clip_is_found_again() {
     let dir = tempfile::tempdir().unwrap();
     let mut doc = Document::new(blank(), dir.path(), None).unwrap();

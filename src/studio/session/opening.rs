@@ -6,7 +6,7 @@ use std::time::Duration;
 use super::command::{Asked, Reply, Written};
 use super::shown::Shown;
 use super::writer::Writer;
-use crate::document::Document;
+use crate::document::{Document, is_same_file};
 use crate::protocol::{DocumentView, Error, RobotFacts};
 use crate::simulation::worker::{DescribeRobot, LoadRobot};
 use crate::workspace::robot_folders;
@@ -37,7 +37,8 @@ impl Writer {
     pub(super) fn open(&mut self, path: &Path, reply: Reply<DocumentView>) {
         // The same file again: it is open.
         let again = std::path::absolute(path).ok();
-        if self.document.as_ref().is_some_and(|d| d.path() == again.as_deref()) {
+        let own = self.document.as_ref().and_then(Document::path);
+        if own.zip(again.as_deref()).is_some_and(|(own, again)| is_same_file(own, again)) {
             return self.tell(Written::Same(reply));
         }
         let mut asked = None;
