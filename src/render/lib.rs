@@ -16,11 +16,13 @@
 //! # Ok(()) }
 //! ```
 
+mod buffers;
 mod camera;
 mod camera_path;
 mod caption;
 mod error;
 mod frame;
+mod globals;
 mod gpu;
 mod instances;
 mod mesh;
@@ -32,6 +34,7 @@ mod prims;
 mod renderer;
 mod scene;
 mod shot;
+mod targets;
 
 pub mod encode;
 

@@ -8,14 +8,15 @@
 
 use std::collections::BTreeMap;
 
-use glam::{Mat4, Vec3};
-use wgpu::util::DeviceExt;
+use glam::Mat4;
 
+use super::buffers::{GpuMesh, put, vertex_buffer};
 use super::caption::Captioner;
-use super::frame::{FrameInput, SUN};
-use super::gpu::{COLOR, DEPTH, Globals, Gpu, Instance, Pipelines, Segment};
-use super::instances::{Batch, Drawn, Key, linear};
-use super::prims::{Prim, Triangles};
+use super::frame::FrameInput;
+use super::gpu::{DEPTH, Globals, Gpu, Instance, Pipelines, Segment};
+use super::instances::{Batch, Drawn, Key};
+use super::prims::Prim;
+use super::targets::{Targets, texture};
 use super::{Backend, Error, Picture, Scene};
 
 /// The quality of a picture.
@@ -58,8 +59,6 @@ impl Default for RenderConfig {
 
 /// Ghosts of a preview on a software driver: the command, the key before, the key after.
 const CHEAP_GHOSTS: usize = 3;
-/// Time limit of the driver for one frame, seconds.
-const FRAME_SECS: u64 = 120;
 /// Pixels beyond which four samples per pixel would not fit into the memory of small machines.
 const SAMPLED_PX: u64 = 4096 * 4096;
 /// x, y, width, height.
@@ -67,29 +66,6 @@ type Rect = [u32; 4];
 
 /// Scenes whose meshes stay on the device.
 const SCENES_KEPT: usize = 4;
-
-#[derive(Debug)]
-struct GpuMesh {
-    vertices: wgpu::Buffer,
-    indices: wgpu::Buffer,
-    count: u32,
-}
-
-#[derive(Debug)]
-struct Targets {
-    width: u32,
-    height: u32,
-    objects: wgpu::TextureView,
-    depth: wgpu::TextureView,
-    compose: wgpu::BindGroup,
-    /// Sky and floor with and without sun.
-    lit: wgpu::Texture,
-    backdrops: [wgpu::TextureView; 2],
-    picture: wgpu::Texture,
-    picture_view: wgpu::TextureView,
-    readback: wgpu::Buffer,
-    pitch: u32,
-}
 
 /// An open device with all its resources. Keep it, because opening takes about 0.2 s.
 #[derive(Debug)]
@@ -174,8 +150,9 @@ impl Renderer {
             layout: &pipelines.shadow_layout,
             entries: &[wgpu::BindGroupEntry { binding: 0, resource: globals.as_entire_binding() }],
         });
-        let prims = Prim::ALL.into_iter().map(|p| (p, upload(device, &p.triangles()))).collect();
-        let targets = targets(&gpu, &pipelines, config.width, config.height);
+        let prims =
+            Prim::ALL.into_iter().map(|p| (p, GpuMesh::new(device, &p.triangles()))).collect();
+        let targets = Targets::new(&gpu, &pipelines, config.width, config.height);
         let renderer = Renderer {
             instances: vertex_buffer(device, 64 * 1024),
             segments: vertex_buffer(device, 16 * 1024),
@@ -222,7 +199,7 @@ impl Renderer {
         let config = RenderConfig { width, height, ..self.config };
         check_size(&config, &self.gpu)?;
         if (width, height) != self.size() {
-            self.targets = targets(&self.gpu, &self.pipelines, width, height);
+            self.targets = Targets::new(&self.gpu, &self.pipelines, width, height);
             self.painted = None;
             self.config = config;
         }
@@ -243,7 +220,7 @@ impl Renderer {
             .get(..input.ghosts.len().min(if cheap { CHEAP_GHOSTS } else { usize::MAX }));
         let drawn =
             Drawn::collect(scene, input, ghosts.unwrap_or_default(), aspect, self.config.height);
-        let globals = self.fill_globals(scene, input, &drawn, aspect);
+        let globals = Globals::of_frame(&self.config, self.shadow_px, scene, input, &drawn, aspect);
         let device = &self.gpu.device;
         let queue = &self.gpu.queue;
         queue.write_buffer(&self.globals, 0, bytemuck::bytes_of(&globals));
@@ -265,23 +242,11 @@ impl Renderer {
             self.backdrop_pass(&mut encoder);
         }
         self.compose_pass(&mut encoder, &drawn);
-        let t = &self.targets;
-        encoder.copy_texture_to_buffer(
-            t.picture.as_image_copy(),
-            wgpu::TexelCopyBufferInfo {
-                buffer: &t.readback,
-                layout: wgpu::TexelCopyBufferLayout {
-                    offset: 0,
-                    bytes_per_row: Some(t.pitch),
-                    rows_per_image: None,
-                },
-            },
-            wgpu::Extent3d { width: t.width, height: t.height, depth_or_array_layers: 1 },
-        );
+        self.targets.copy_picture(&mut encoder);
         queue.submit([encoder.finish()]);
         self.gpu.check()?;
         (self.shadow_used, self.painted) = (Some(shadow_used), Some(still));
-        let mut picture = self.read_back()?;
+        let mut picture = self.targets.read_back(&self.gpu)?;
         if let Some(caption) = input.caption {
             self.captioner.draw(&mut picture, caption);
         }
@@ -295,7 +260,7 @@ impl Renderer {
             return;
         }
         let device = &self.gpu.device;
-        let uploaded = scene.meshes.iter().map(|m| upload(device, &m.triangles)).collect();
+        let uploaded = scene.meshes.iter().map(|m| GpuMesh::new(device, &m.triangles)).collect();
         if self.meshes.len() >= SCENES_KEPT {
             self.meshes.remove(0);
         }
@@ -450,133 +415,6 @@ impl Renderer {
             pass.draw(0..3, 0..1);
         }
     }
-
-    fn read_back(&self) -> Result<Picture, Error> {
-        let t = &self.targets;
-        let slice = t.readback.slice(..);
-        let (send, receive) = std::sync::mpsc::sync_channel(1);
-        slice.map_async(wgpu::MapMode::Read, move |r| {
-            send.send(r).ok();
-        });
-        let wait = wgpu::PollType::Wait {
-            submission_index: None,
-            timeout: Some(std::time::Duration::from_secs(FRAME_SECS)),
-        };
-        self.gpu.device.poll(wait).map_err(|e| self.gpu.error(&e))?;
-        match receive.try_recv() {
-            Ok(Ok(())) => {}
-            Ok(Err(e)) => return Err(self.gpu.error(&e)),
-            Err(e) => return Err(self.gpu.error(&e)),
-        }
-        let mapped = slice.get_mapped_range().map_err(|e| self.gpu.error(&e))?;
-        let row = t.width as usize * 4;
-        let mut rgba = Vec::with_capacity(row * t.height as usize);
-        for line in mapped.chunks_exact(t.pitch as usize).take(t.height as usize) {
-            rgba.extend_from_slice(&line[..row]);
-        }
-        drop(mapped);
-        t.readback.unmap();
-        Ok(Picture { width: t.width, height: t.height, rgba })
-    }
-
-    fn fill_globals(
-        &self,
-        scene: &Scene,
-        input: &FrameInput,
-        drawn: &Drawn,
-        aspect: f32,
-    ) -> Globals {
-        let camera = &input.camera;
-        let (right, up, forward) = camera.axes();
-        let half = camera.half_height();
-        let ortho = matches!(camera.lens, super::Lens::Orthographic { .. });
-        // Height of the picture at the target: the scale of cells and fog. It does not depend on
-        // poses, so the floor does not move.
-        let focus = 2.0 * camera.metres_a_px(camera.target, 2).max(1e-4);
-        let cell = cell_size(focus / 5.0);
-        let sun = input.sun.unwrap_or(SUN).normalize_or(Vec3::Z);
-        // A shadow need not be finer than the picture, so texels have at least half a pixel. On a
-        // software driver this saves a fifth of the frame: fewer texels are drawn, and lookups are
-        // closer in memory.
-        let least = 0.5 * camera.metres_a_px(drawn.centre, self.config.height);
-        let reach = drawn.radius.max(0.5 * least * self.shadow_px as f32);
-        let (light_proj, texel_m) = light_box(sun, drawn.centre, reach, self.shadow_px);
-        let (a, b) = (linear([0.545, 0.575, 0.615]), linear([0.485, 0.515, 0.560]));
-        let horizon = linear([0.735, 0.760, 0.790]);
-        let zenith = linear([0.56, 0.62, 0.70]);
-        let floor_z = scene.floor.map_or(-1e3, |f| f.z);
-        Globals {
-            view_proj: camera.matrix(aspect, drawn.near, drawn.far).to_cols_array_2d(),
-            light_proj: light_proj.to_cols_array_2d(),
-            eye: camera.eye.extend(f32::from(u8::from(ortho))).to_array(),
-            forward: forward.extend(0.0).to_array(),
-            ray_x: (right * half * aspect).extend(0.0).to_array(),
-            ray_y: (up * half).extend(0.0).to_array(),
-            sun: sun.extend(f32::from(u8::from(self.config.shadows)) * 0.92).to_array(),
-            sun_color: [0.78, 0.75, 0.70, 0.22],
-            sky: [0.36, 0.39, 0.44, 0.0],
-            ground: [0.15, 0.14, 0.135, 0.0],
-            zenith: [zenith[0], zenith[1], zenith[2], 0.0],
-            horizon: [horizon[0], horizon[1], horizon[2], 0.0],
-            floor_a: [a[0], a[1], a[2], cell],
-            floor_b: [b[0], b[1], b[2], f32::from(u8::from(scene.floor.is_some()))],
-            floor_pos: [camera.target.x, camera.target.y, floor_z, 0.9 * focus],
-            floor_fog: [1.0 / (5.0 * focus), 0.10, 0.0, 0.0],
-            shadow: [1.0 / self.shadow_px as f32, 1.5 * texel_m, 1.0, 1.4],
-            view: [
-                self.config.width as f32,
-                self.config.height as f32,
-                1.0 / self.config.width as f32,
-                1.0 / self.config.height as f32,
-            ],
-        }
-    }
-}
-
-/// The next of 1, 2, 5 times a power of ten, not below `wish`.
-fn cell_size(wish: f32) -> f32 {
-    let power = 10_f32.powf(wish.max(1e-6).log10().floor());
-    let lead = wish / power;
-    power
-        * if lead <= 1.0 {
-            1.0
-        } else if lead <= 2.0 {
-            2.0
-        } else if lead <= 5.0 {
-            5.0
-        } else {
-            10.0
-        }
-}
-
-/// Orthographic light that covers a sphere, and the metres of one texel.
-///
-/// The size grows in steps of a tenth, and the centre is on the texel grid; otherwise the edge of a
-/// shadow would flicker from frame to frame.
-fn light_box(sun: Vec3, centre: Vec3, radius: f32, shadow_px: u32) -> (Mat4, f32) {
-    let step = 1.1_f32;
-    let radius = step.powf((radius.max(1e-4) * 1.03).log(step).ceil());
-    let texel = 2.0 * radius / shadow_px as f32;
-    let right = if sun.z.abs() > 0.999 { Vec3::X } else { Vec3::Z.cross(sun).normalize() };
-    let up = sun.cross(right);
-    let snap = |x: f32| (x / texel).round() * texel;
-    let at = right * snap(centre.dot(right)) + up * snap(centre.dot(up)) + sun * centre.dot(sun);
-    let eye = at + sun * 2.0 * radius;
-    let view = Mat4::from_cols(
-        Vec3::new(right.x, up.x, sun.x).extend(0.0),
-        Vec3::new(right.y, up.y, sun.y).extend(0.0),
-        Vec3::new(right.z, up.z, sun.z).extend(0.0),
-        Vec3::new(-right.dot(eye), -up.dot(eye), -sun.dot(eye)).extend(1.0),
-    );
-    let proj = glam::camera::rh::proj::directx::orthographic(
-        -radius,
-        radius,
-        -radius,
-        radius,
-        0.5 * radius,
-        3.5 * radius,
-    );
-    (proj * view, texel)
 }
 
 fn check_size(config: &RenderConfig, gpu: &Gpu) -> Result<(), Error> {
@@ -653,130 +491,5 @@ fn depth_pass<'a>(
     })
 }
 
-fn texture(
-    device: &wgpu::Device,
-    label: &str,
-    width: u32,
-    height: u32,
-    samples: u32,
-    format: wgpu::TextureFormat,
-) -> wgpu::Texture {
-    device.create_texture(&wgpu::TextureDescriptor {
-        label: Some(label),
-        size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-        mip_level_count: 1,
-        sample_count: samples,
-        dimension: wgpu::TextureDimension::D2,
-        format,
-        usage: wgpu::TextureUsages::RENDER_ATTACHMENT
-            | wgpu::TextureUsages::TEXTURE_BINDING
-            | if samples == 1 {
-                wgpu::TextureUsages::COPY_SRC | wgpu::TextureUsages::COPY_DST
-            } else {
-                wgpu::TextureUsages::empty()
-            },
-        view_formats: &[],
-    })
-}
-
-fn targets(gpu: &Gpu, pipelines: &Pipelines, width: u32, height: u32) -> Targets {
-    let device = &gpu.device;
-    let view = wgpu::TextureViewDescriptor::default();
-    let samples = pipelines.samples;
-    let objects = texture(device, "objects", width, height, samples, COLOR).create_view(&view);
-    let depth = texture(device, "depth", width, height, samples, DEPTH).create_view(&view);
-    let picture = texture(device, "picture", width, height, 1, COLOR);
-    let [lit, dark] =
-        ["lit backdrop", "dark backdrop"].map(|l| texture(device, l, width, height, 1, COLOR));
-    let backdrops = [&lit, &dark].map(|t| t.create_view(&view));
-    let pitch = (4 * width).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
-    let compose = device.create_bind_group(&wgpu::BindGroupDescriptor {
-        label: Some("compose"),
-        layout: &pipelines.compose_layout,
-        entries: &[(u32::from(samples > 1), &objects), (2, &backdrops[0]), (3, &backdrops[1])].map(
-            |(binding, view)| wgpu::BindGroupEntry {
-                binding,
-                resource: wgpu::BindingResource::TextureView(view),
-            },
-        ),
-    });
-    Targets {
-        width,
-        height,
-        objects,
-        depth,
-        compose,
-        lit,
-        backdrops,
-        picture_view: picture.create_view(&view),
-        picture,
-        readback: device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("readback"),
-            size: u64::from(pitch) * u64::from(height),
-            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
-            mapped_at_creation: false,
-        }),
-        pitch,
-    }
-}
-
-fn upload(device: &wgpu::Device, t: &Triangles) -> GpuMesh {
-    let make = |label, contents, usage| {
-        device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
-            label: Some(label),
-            contents,
-            usage,
-        })
-    };
-    GpuMesh {
-        vertices: make("vertices", bytemuck::cast_slice(&t.vertices), wgpu::BufferUsages::VERTEX),
-        indices: make("indices", bytemuck::cast_slice(&t.indices), wgpu::BufferUsages::INDEX),
-        count: t.indices.len() as u32,
-    }
-}
-
-fn vertex_buffer(device: &wgpu::Device, bytes: u64) -> wgpu::Buffer {
-    device.create_buffer(&wgpu::BufferDescriptor {
-        label: Some("per frame"),
-        size: bytes,
-        usage: wgpu::BufferUsages::VERTEX | wgpu::BufferUsages::COPY_DST,
-        mapped_at_creation: false,
-    })
-}
-
-fn put(device: &wgpu::Device, queue: &wgpu::Queue, buffer: &mut wgpu::Buffer, bytes: &[u8]) {
-    let needed = bytes.len() as u64;
-    if needed > buffer.size() {
-        *buffer = vertex_buffer(device, needed.next_power_of_two());
-    }
-    if needed > 0 {
-        queue.write_buffer(buffer, 0, bytes);
-    }
-}
-
 /// Kept here so that sizes in the shader and on the host are defined once.
 const _: () = assert!(size_of::<Instance>() == 80 && size_of::<Segment>() == 96);
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn cells_are_one_two_five() {
-        for (wish, cell) in [(0.03, 0.05), (0.2, 0.2), (0.21, 0.5), (7.0, 10.0), (1.0, 1.0)] {
-            assert!((cell_size(wish) / cell - 1.0).abs() < 1e-3, "{wish} {}", cell_size(wish));
-        }
-    }
-
-    #[test]
-    fn the_light_holds_its_ball() {
-        for sun in [SUN.normalize(), Vec3::Z, Vec3::X] {
-            let centre = Vec3::new(3.0, -1.0, 0.7);
-            let (m, _) = light_box(sun, centre, 0.4, 1024);
-            for d in [Vec3::X, Vec3::Y, Vec3::Z, Vec3::NEG_X, Vec3::NEG_Y, Vec3::NEG_Z] {
-                let p = m.project_point3(centre + d * 0.4);
-                assert!(p.x.abs() <= 1.0 && p.y.abs() <= 1.0 && (0.0..=1.0).contains(&p.z), "{p}");
-            }
-        }
-    }
-}
