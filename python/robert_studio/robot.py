@@ -6,7 +6,7 @@ import json
 import os
 import shutil
 import sysconfig
-from typing import Any, Optional, Union
+from typing import Any, Optional, Sequence, Union
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,24 +97,38 @@ def as_robot(robot: Union[Robot, str, os.PathLike[str]]) -> Robot:
     return robot if isinstance(robot, Robot) else Robot(robot)
 
 
+def _names(of: Union[str, Sequence[str]]) -> list[str]:
+    """A single name is one, and not its letters."""
+    return [of] if isinstance(of, str) else list(of)
+
+
 def import_robot(
     source: Union[str, os.PathLike[str]],
     out: Union[str, os.PathLike[str]],
     *,
     id: Optional[str] = None,
+    root: Union[str, os.PathLike[str], None] = None,
     packages: Optional[dict[str, str]] = None,
     fixed_base: bool = False,
     base_height: float = 0.0,
     effort: Optional[float] = None,
+    weld: Union[str, Sequence[str]] = (),
+    without: Union[str, Sequence[str]] = (),
+    without_meshes: bool = False,
     torque: bool = False,
+    drives: str = "modelled",
 ) -> dict[str, Any]:
     """Makes the robot folder ``out`` from a URDF or MJCF. Reports what was ``dropped``, ``assumed`` and ``changed``.
 
-    ``packages`` gives the folders of ROS packages, ``base_height`` is m above the floor, ``effort`` the limit of
-    motors whose source names none (N m; enough to carry the robot by default). ``torque`` replaces servos by
-    motors. The model is compiled in a process of its own, by the command ``robert`` that was installed with this
+    ``root`` is the folder that must contain all includes and meshes (the file's own by default), ``packages`` gives
+    the folders of ROS packages. ``base_height`` is m above the floor, ``effort`` the limit of motors whose source names
+    none (N m; enough to carry the robot by default). The joints of ``weld`` are welded at their zeros. The bodies of
+    ``without`` are left out, with everything that refers to them (MJCF), and with ``without_meshes`` meshes whose files
+    are missing. ``torque`` replaces servos by motors. Joints whose file describes no drive get an assumed one, or stay
+    as they are with ``drives="file"``. The model is compiled in a process of its own, by the command ``robert`` that was installed with this
     package. Raises :class:`InvalidInput` with file, line and column."""
     report = _native.import_robot(
-        os.fspath(source), os.fspath(out), id, None, packages or {}, fixed_base, base_height, effort, torque
+        os.fspath(source), os.fspath(out), id, None if root is None else os.fspath(root), packages or {}, fixed_base,
+        base_height, effort, _names(weld), _names(without), without_meshes, torque, drives,
     )
     return json.loads(report)

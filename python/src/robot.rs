@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use pyo3::prelude::*;
-use robert::robot::import::{ImportConfig, Servos, import};
+use robert::robot::import::{Drives, ImportConfig, Servos, import};
 use robert::robot::{self as lib, check};
 
 use crate::error::{raise, wrong};
@@ -89,7 +89,7 @@ impl Robot {
 
 /// Makes a robot's folder out of a URDF or MJCF; JSON of what was assumed.
 #[pyfunction]
-#[pyo3(signature = (source, out, id=None, root=None, packages=BTreeMap::new(), fixed_base=false, base_height=0.0, effort=None, torque=false))]
+#[pyo3(signature = (source, out, id=None, root=None, packages=BTreeMap::new(), fixed_base=false, base_height=0.0, effort=None, weld=Vec::new(), without=Vec::new(), without_meshes=false, torque=false, drives="modelled"))]
 pub(crate) fn import_robot(
     py: Python<'_>,
     source: PathBuf,
@@ -100,8 +100,17 @@ pub(crate) fn import_robot(
     fixed_base: bool,
     base_height: f64,
     effort: Option<f64>,
+    weld: Vec<String>,
+    without: Vec<String>,
+    without_meshes: bool,
     torque: bool,
+    drives: &str,
 ) -> PyResult<String> {
+    let drives = match drives {
+        "modelled" => Drives::Modelled,
+        "file" => Drives::File,
+        other => return Err(wrong(format!("drives is modelled or file, not {other:?}"))),
+    };
     let config = ImportConfig {
         root,
         packages,
@@ -109,6 +118,10 @@ pub(crate) fn import_robot(
         fixed_base,
         base_height_m: base_height,
         effort,
+        weld,
+        without,
+        without_meshes,
+        drives,
         servos: if torque { Servos::Torque } else { Servos::Keep },
         ..ImportConfig::new(source, out, check::executable().map_err(raise)?)
     };

@@ -52,6 +52,34 @@ def test_robots_have_shapes_and_names():
         rs.Robot("nobody")
 
 
+def test_a_robot_is_imported_with_the_options_of_the_program(tmp_path):
+    (tmp_path / "models").mkdir()
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts/cup.xml").write_text(
+        '<mujocoinclude><body name="cup" pos="1 0 0"><freejoint/><geom size=".03"/></body></mujocoinclude>'
+    )
+    model = tmp_path / "models/arm.xml"
+    model.write_text(
+        """<mujoco><compiler angle="radian" autolimits="true"/><worldbody>
+        <body name="upper"><joint name="shoulder" axis="0 1 0" range="-1 1"/><geom type="capsule" fromto="0 0 0 .3 0 0" size=".03"/>
+        <body name="lower" pos=".3 0 0"><joint name="elbow" axis="0 1 0" range="-1 1"/>
+        <geom type="capsule" fromto="0 0 0 .3 0 0" size=".03"/></body></body><include file="../parts/cup.xml"/></worldbody>
+        <actuator><motor joint="shoulder" ctrlrange="-20 20"/><motor joint="elbow" ctrlrange="-9 9"/></actuator></mujoco>"""
+    )
+    # The include is outside the model's own folder.
+    with pytest.raises(rs.InvalidInput):
+        rs.import_robot(model, tmp_path / "refused")
+    told = rs.import_robot(model, tmp_path / "arm", root=tmp_path, without=["cup"], weld="elbow", drives="file")
+    robot = rs.Robot(tmp_path / "arm")
+    assert robot.joints == ["shoulder"]
+    assert "damping" not in (tmp_path / "arm/robot.xml").read_text(), told
+    rs.import_robot(model, tmp_path / "both", root=tmp_path, without="cup", without_meshes=True)
+    assert rs.Robot(tmp_path / "both").joints == ["shoulder", "elbow"]
+    assert "damping" in (tmp_path / "both/robot.xml").read_text()
+    with pytest.raises(ValueError, match="modelled or file"):
+        rs.import_robot(model, tmp_path / "never", root=tmp_path, drives="none")
+
+
 def test_a_clip_is_authored_saved_and_read(tmp_path):
     clip = rs.Clip.new("ur5e", 41, name="nod")
     home = clip.robot.home()
