@@ -326,14 +326,16 @@ pub(super) fn widest_swing(goals: &Goals, states: &[f64]) -> Option<(usize, usiz
     Some((worst.frame, worst.joint, worst.value))
 }
 
-/// How much jerk a gap has relative to the least, and how far a joint overshoots in it, rad or m.
+/// How rough a gap is.
 pub(super) struct Roughness {
     pub(super) gap: Gap,
+    /// Its jerk relative to the least; 0 if it does not move.
     pub(super) jerk: f64,
+    /// How far a joint overshoots, rad or m.
     pub(super) overshoot: f64,
 }
 
-/// The roughness of each gap. The jerk of one that does not move is 0.
+/// The roughness of each gap.
 pub(super) fn roughness(goals: &Goals, states: &[f64]) -> Vec<Roughness> {
     let motion = Motion { states, dim: goals.dim() };
     let of = |gap: Gap| {

@@ -12,7 +12,7 @@ use super::error::Error;
 use super::ilc::Repeats;
 use super::jam::{self, Off};
 use super::lead::Lead;
-use super::natural::{self, counted, unnatural, unnatural_but_for_jolts};
+use super::natural::{counted, unnatural, unnatural_but_for_jolts};
 use super::planned::{self, Planned};
 use super::policy_config::PolicyConfig;
 use super::run::Rollout;
@@ -413,16 +413,20 @@ impl Learner {
         self.frames += softening.frames();
         if let (Some(softer), [lead]) = (softening.into_motion(), &mut self.racers[..]) {
             lead.keep(softer);
-            // The choice between the contender and the planner has been made.
-            self.own.clear();
         }
     }
 
-    /// Begins to soften the best motion; false if its gaps are soft, or if it is a planner's.
+    /// Begins to soften the best motion of the policy; false if it is natural, or if a planner's motion is chosen
+    /// and natural.
     fn begin_softening(&mut self, fresh: &dyn Fn(usize) -> Result<Rollout, Error>) -> bool {
+        match self.own().map(|own| own.gaps) {
+            // What is softer may be a little farther away, but not so far that the planner is chosen after all.
+            None => self.own.clear(),
+            Some(gaps) if gaps <= 0.0 => return false,
+            Some(_) => {}
+        }
         let lead = self.lead();
-        let rough = natural::in_gaps(lead.trial.goals(), lead.best_states()) > 0.0;
-        if self.own().is_some() || !lead.is_fast || !rough {
+        if !lead.is_fast || lead.gaps <= 0.0 {
             return false;
         }
         let judge = lead.judge().gentle(lead.least, self.first);

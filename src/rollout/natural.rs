@@ -111,25 +111,14 @@ pub(super) fn penalty(goals: &Goals, states: &[f64]) -> f64 {
 
 /// The [`penalty`] without that for jerk, and that for jerk.
 fn penalties(goals: &Goals, states: &[f64]) -> (f64, f64) {
-    let (ways, jolts) = gap_penalties(goals, states);
-    let missed = (worst_frame(goals, states) - jam::FAR).max(0.0);
-    let restless = holds::restlessness(goals, states);
-    (ways + SWING_WEIGHT * missed + RESTLESS_WEIGHT * restless, jolts)
-}
-
-/// The penalty for overshoot and long paths in gaps, and that for jerk in them.
-fn gap_penalties(goals: &Goals, states: &[f64]) -> (f64, f64) {
     let gap = GapFigures::measure(goals, states, &names(goals)).unwrap_or_default();
     let swing = gap.overshoot.map_or(0.0, |o| o.value);
     let detour = gap.path.map_or(0.0, |p| (p - LONGEST_PATH).max(0.0));
     let jolts = gap.jerk.map_or(0.0, |j| (j - MOST_JERK).max(0.0));
-    (SWING_WEIGHT * swing + PATH_WEIGHT * detour, JERK_WEIGHT * jolts)
-}
-
-/// The penalty of the motion in gaps alone, rad or m.
-pub(super) fn in_gaps(goals: &Goals, states: &[f64]) -> f64 {
-    let (ways, jolts) = gap_penalties(goals, states);
-    ways + jolts
+    let missed = (worst_frame(goals, states) - jam::FAR).max(0.0);
+    let restless = holds::restlessness(goals, states);
+    let other = SWING_WEIGHT * (swing + missed) + PATH_WEIGHT * detour + RESTLESS_WEIGHT * restless;
+    (other, JERK_WEIGHT * jolts)
 }
 
 /// The error of the frame that is farthest from its goals, in the mean over its joints, rad or m.

@@ -154,14 +154,13 @@ impl Softening {
         self.least.is_some() || !self.motion.is_done()
     }
 
-    /// The roughest gap that was not given up; `None` if there is none, or if the clip's gaps are natural.
+    /// The roughest gap that was not given up; `None` if there is none, or if the motion is natural.
     fn roughest(&self) -> Option<Gap> {
-        let (goals, states) = (self.motion.goals(), self.motion.states());
-        if natural::in_gaps(goals, states) <= 0.0 {
+        if natural::unnatural(&self.motion) <= 0.0 {
             return None;
         }
         let cost = |r: &Roughness| (r.jerk - ROUGH).max(0.0) + SWING * r.overshoot;
-        let all = gaps::roughness(goals, states).into_iter();
+        let all = gaps::roughness(self.motion.goals(), self.motion.states()).into_iter();
         let rough = all.filter(|r| cost(r) > 0.0 && !self.given_up.contains(&r.gap));
         rough.max_by(|a, b| cost(a).total_cmp(&cost(b))).map(|r| r.gap)
     }
