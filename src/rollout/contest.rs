@@ -18,7 +18,7 @@ use super::policy_config::PolicyConfig;
 use super::policy_name::PolicyName;
 use super::run::{Rollout, RolloutConfig, Start};
 use super::shipped;
-use super::trial::{Trial, leaders, leads, near};
+use super::trial::{Trial, leaders, leads, least, near};
 use super::window::Goals;
 use robert_clip::Command;
 use robert_net::Model;
@@ -100,7 +100,7 @@ impl Contest {
         };
         let racers = leaders(tried).filter(|_| self.learns).filter_map(racer).collect();
         let places = self.policies.len()..;
-        Learner::new(racers, places.zip(self.planners.clone()).collect(), threads)
+        Learner::new(racers, places.zip(self.planners.clone()).collect(), least(tried), threads)
     }
 
     /// The policy of a `motion` that was learned by a contender or planned, and its result, if it is better

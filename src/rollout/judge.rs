@@ -97,15 +97,32 @@ impl Judge {
         Judge { weights: Some(weights.into()), most, growth: most / least, ..usual }
     }
 
-    /// A gentle judge of motions that should lose the jolts in the gaps of one with the score `least`. Their
+    /// A gentle judge of motions that should lose the jolts in the gaps of one with the usual sum `least`. Their
     /// usual sum stays below `most`.
     pub(super) fn gentle(&self, least: f64, most: f64) -> Judge {
-        Judge { most: most.min((1.0 + GENTLE_LOSS) * least), jolts: GENTLY, ..self.clone() }
+        let most = self.most.min(most).min((1.0 + GENTLE_LOSS) * least);
+        Judge { most, jolts: GENTLY, ..self.clone() }
+    }
+
+    /// The usual sum of a motion, rad or m, however large it is. `None` if nothing was commanded.
+    pub(super) fn usual(&self, motion: &Rollout) -> Option<f64> {
+        Judge { weights: None, jolts: 1.0, ..self.clone() }.measure(motion)
+    }
+
+    /// The score of a motion, however large it is. `None` if nothing was commanded.
+    pub(super) fn measure(&self, motion: &Rollout) -> Option<f64> {
+        let any = f64::INFINITY;
+        Judge { farthest: any, most: any, ..self.clone() }.score(motion)
+    }
+
+    /// The penalty that counts for a motion with the one `other` and that for jerk, rad or m.
+    pub(super) fn penalty(&self, (other, jolts): (f64, f64)) -> f64 {
+        natural::counted(other + jolts) + (self.jolts - 1.0) * jolts
     }
 
     /// By how much the mean error may grow beyond that of a motion with this score, at most, rad or m.
     pub(super) fn patience(&self, score: f64) -> f64 {
-        self.most.min(score) * GENTLE_LOSS
+        GENTLE_LOSS * self.most.min(score)
     }
 
     /// The limit for [`Judge::score_part`] of a motion that comes after `motion`.
@@ -146,8 +163,8 @@ impl Judge {
     pub(super) fn score(&self, rollout: &Rollout) -> Option<f64> {
         let goals = rollout.goals();
         let precision = rollout.precision().precision?;
-        let (other, jolts) = natural::apart(rollout);
-        let penalty = natural::counted(other + jolts);
+        let penalties = natural::apart(rollout);
+        let penalty = natural::counted(penalties.0 + penalties.1);
         let weighted = match self.weights {
             None if self.ties.is_empty() => precision,
             _ => {
@@ -158,7 +175,7 @@ impl Judge {
             }
         };
         (precision <= self.farthest && precision + penalty < self.most)
-            .then_some(weighted + penalty + (self.jolts - 1.0) * jolts)
+            .then_some(weighted + self.penalty(penalties))
     }
 
     /// The weight of a joint's error at a frame.

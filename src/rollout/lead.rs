@@ -3,7 +3,7 @@
 use super::gaps::Gap;
 
 /// What leads a policy besides its goals.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Lead {
     /// By how much each goal that the policy sees is moved, rad or m; (frames, S).
     pub(super) shift: Vec<f64>,

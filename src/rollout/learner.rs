@@ -100,6 +100,9 @@ pub(super) struct Learner {
     is_strict: bool,
     /// The smallest error of the motions from which the contenders learned. What is kept is better.
     first: f64,
+    /// The smallest sum of Precision and penalty of all that were tried, which a motion that is chosen must
+    /// have less than.
+    tried: f64,
     /// The largest penalty of these motions for unnatural motion in gaps. The planner's path may lead
     /// to as much; the search then stays below what it started from.
     natural: f64,
@@ -115,10 +118,12 @@ pub(super) struct Learner {
 
 impl Learner {
     /// A learner on `threads` threads, on whose number the result does not depend. `None` without a
-    /// racer. `planners` are those whose motions may be chosen, and their places after the contenders.
+    /// racer. `planners` are those whose motions may be chosen, and their places after the contenders; `tried` is
+    /// the smallest sum of Precision and penalty so far.
     pub(super) fn new(
         racers: Vec<Repeats>,
         planners: Vec<(usize, PolicyConfig)>,
+        tried: f64,
         threads: usize,
     ) -> Option<Learner> {
         let first = racers.iter().map(|r| r.least).fold(f64::INFINITY, f64::min);
@@ -126,6 +131,7 @@ impl Learner {
         (!racers.is_empty()).then(|| Learner {
             racers,
             first,
+            tried,
             natural,
             wanted: false,
             planned: None,
@@ -411,7 +417,11 @@ impl Learner {
     fn keep_softer(&mut self) {
         let Some(softening) = self.softening.take() else { return };
         self.frames += softening.frames();
-        if let (Some(softer), [lead]) = (softening.into_motion(), &mut self.racers[..]) {
+        let Some(softer) = softening.into_motion() else { return };
+        let sum = softer.precision().precision.map(|p| p + counted(unnatural(&softer)));
+        if let [lead] = &mut self.racers[..]
+            && sum.is_some_and(|sum| sum < self.tried)
+        {
             lead.keep(softer);
         }
     }
@@ -429,8 +439,11 @@ impl Learner {
         if !lead.is_fast || lead.gaps <= 0.0 {
             return false;
         }
-        let judge = lead.judge().gentle(lead.least, self.first);
+        let least = lead.best().and_then(|best| lead.judge().usual(best)).unwrap_or(lead.least);
+        let judge = lead.judge().gentle(least, self.first);
         self.softening = Softening::new(lead.best(), judge, self.threads, &|| fresh(lead.at)).ok();
+        // Its rollouts take much memory.
+        self.frames += self.search.take().map_or(0, |search| search.frames());
         self.softening.is_some()
     }
 
@@ -484,7 +497,8 @@ mod tests {
             let rollouts = [fresh(0).unwrap(), fresh(0).unwrap()];
             let racer =
                 Repeats::new((0, &policy), &first, rollouts, Judge::of(&robot)).unwrap().unwrap();
-            let mut learner = Learner::new(vec![racer], Vec::new(), threads).unwrap();
+            let mut learner =
+                Learner::new(vec![racer], Vec::new(), f64::INFINITY, threads).unwrap();
             while learner.stage() != Stage::Search {
                 assert!(learner.step(fresh));
             }

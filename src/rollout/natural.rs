@@ -110,7 +110,7 @@ pub(super) fn penalty(goals: &Goals, states: &[f64]) -> f64 {
 }
 
 /// The [`penalty`] without that for jerk, and that for jerk.
-fn penalties(goals: &Goals, states: &[f64]) -> (f64, f64) {
+pub(super) fn penalties(goals: &Goals, states: &[f64]) -> (f64, f64) {
     let gap = GapFigures::measure(goals, states, &names(goals)).unwrap_or_default();
     let swing = gap.overshoot.map_or(0.0, |o| o.value);
     let detour = gap.path.map_or(0.0, |p| (p - LONGEST_PATH).max(0.0));

@@ -314,9 +314,9 @@ impl Search {
     fn next_tries(&mut self) -> bool {
         let Some(part) = &mut self.part else { return false };
         for _ in 0..AT_ONCE {
-            let Some(what) = part.detours.next(self.motion.goals()) else { break };
+            let Some(mut what) = part.detours.next(self.motion.goals()) else { break };
             let Some(mut rollout) = self.spare.pop() else { break };
-            let begun = rollout.branch(&self.motion, what.lead.clone());
+            let begun = rollout.branch(&self.motion, std::mem::take(&mut what.lead));
             // A try counts as a frame, so that the search ends even if tries change nothing.
             part.budget = part.budget.saturating_sub(1);
             self.frames += 1;

@@ -66,9 +66,13 @@ pub(super) fn best(tried: &[Trial]) -> Option<usize> {
 
 /// Whether a policy is better than all that were tried.
 pub(super) fn leads(tried: &[Trial], trial: &Trial) -> bool {
+    trial.score_below(near(tried)).is_some_and(|s| s < least(tried))
+}
+
+/// The smallest sum of error and gap penalty among the [`near`] ones, rad or m.
+pub(super) fn least(tried: &[Trial]) -> f64 {
     let limit = near(tried);
-    let others = || tried.iter().filter_map(|t| t.score_below(limit));
-    trial.score_below(limit).is_some_and(|s| others().all(|t| s < t))
+    tried.iter().filter_map(|t| t.score_below(limit)).fold(f64::INFINITY, f64::min)
 }
 
 /// The largest Precision that may be chosen, rad or m. A motion that is farther from its goals than
