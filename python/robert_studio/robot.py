@@ -125,8 +125,8 @@ def import_robot(
     none (N m; enough to carry the robot by default). The joints of ``weld`` are welded at their zeros. The bodies of
     ``without`` are left out, with everything that refers to them (MJCF), and with ``without_meshes`` meshes whose files
     are missing. ``torque`` replaces servos by motors. Joints whose file describes no drive get an assumed one, or stay
-    as they are with ``drives="file"``. The model is compiled in a process of its own, by the command ``robert`` that was installed with this
-    package. Raises :class:`InvalidInput` with file, line and column."""
+    as they are with ``drives="file"``. The model is compiled in a process of its own, by the command ``robert`` that was
+    installed with this package. Raises :class:`InvalidInput` with file, line and column."""
     report = _native.import_robot(
         os.fspath(source), os.fspath(out), id, None if root is None else os.fspath(root), packages or {}, fixed_base,
         base_height, effort, _names(weld), _names(without), without_meshes, torque, drives,

@@ -133,8 +133,8 @@ impl Stage {
     }
 
     /// Corners of the parts of the robot that stand still, such as a pedestal, or an arm without joints.
-    /// Imports make still parts a part of the world. What is far larger or farther away than the moving parts,
-    /// whose corners are given, is scenery.
+    /// Imports make still parts a part of the world. What of that is far larger or farther away than the moving
+    /// parts, whose corners are given, is scenery.
     pub fn still_corners(&self, poses: &[Pose], moving: &[Vec3]) -> Vec<Vec3> {
         let low = moving.iter().fold(Vec3::INFINITY, |a, p| a.min(*p));
         let high = moving.iter().fold(Vec3::NEG_INFINITY, |a, p| a.max(*p));

@@ -24,7 +24,9 @@ impl Robot {
         data.forward()?;
         let (nu, nv) = (self.model().nu(), self.model().nv());
         let moment = data.actuator_moment();
-        let pulled = |dof: usize| (0..nu).any(|a| moment[a * nv + dof] != 0.0);
+        let largest = moment.iter().fold(0.0, |a: f64, m| a.max(m.abs()));
+        // Rounding is no lever.
+        let pulled = |dof: usize| (0..nu).any(|a| moment[a * nv + dof].abs() > 1e-9 * largest);
         Ok(self.joints().iter().map(|j| pulled(j.dofadr)).collect())
     }
 

@@ -48,9 +48,10 @@ export function Banner() {
         Start it again
       </button>
     </div>
-  ) : d && d.restored > 0 && !isAnswered(d) && store.page.value === "editor" ? (
+  ) : d && (d.restored > 0 || d.superseded) && !isAnswered(d) && store.page.value === "editor" ? (
     <div class="banner" role="status" data-testid="restored">
-      Restored {d.restored} unsaved edit{d.restored === 1 ? "" : "s"}.
+      {d.restored > 0 && `Restored ${d.restored} unsaved edit${d.restored === 1 ? "" : "s"}.`}
+      {d.superseded && " Another program has changed the file since. Saving replaces what it wrote."}
       <button onClick={() => setAnswered(d)}>Keep</button>
       <button onClick={() => void discard(d)}>{d.path ? "Return to the saved file" : "Discard them"}</button>
     </div>

@@ -13,7 +13,12 @@ import { complain, http, Refusal, tell } from "./wire";
 export function adopt(d: DocumentView | null): void {
   const before = store.doc.value;
   batch(() => {
-    store.doc.value = d ? { ...d, restored: restoredOf(d), recovered: recoveredOf(d) } : undefined;
+    const came = d && {
+      restored: restoredOf(d),
+      recovered: recoveredOf(d),
+      superseded: d.restored?.file_changed ?? false,
+    };
+    store.doc.value = d && came ? { ...d, ...came } : undefined;
     // What the page asks for and shows of a robot is of this clip's, or waits for it.
     if (store.robot.value?.id !== d?.clip.robot.id) store.robot.value = undefined;
     if (!d) {

@@ -5,7 +5,7 @@ import { Dialog } from "./dialog";
 export function Replace(props: { path: string; onClose: () => void; onReplace: () => void }) {
   return (
     <Dialog title={`Replace ${props.path}?`} onClose={props.onClose}>
-      <p>There is already a file of that name. Replacing it deletes its contents.</p>
+      <p>This name is taken already. Replacing deletes what is there.</p>
       <div class="row answers">
         <button type="button" onClick={props.onClose}>
           Cancel

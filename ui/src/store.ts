@@ -38,6 +38,8 @@ export interface Document {
   restored: number;
   /** Edits that came back when the document was opened. */
   recovered: number;
+  /** Whether another program has changed the file since these edits were made. */
+  superseded: boolean;
   findings: Findings;
 }
 

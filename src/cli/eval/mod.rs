@@ -110,7 +110,9 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let wanted = !args.no_floor && plant == PlantRange::default();
     let wanted = wanted && !config.policies.contains(&PolicyConfig::floor());
     let in_floors = wanted && !floors(&robot, &mut suites, threads, global, &cancel);
-    let (config, device) = on_device(args, config, &suites)?;
+    // After an interruption nothing is evaluated, so no graphics card is needed.
+    let (config, device) =
+        if in_floors { (config, None) } else { on_device(args, config, &suites)? };
     let bar = Bar::new("eval", "frames", global.quiet);
     let begin = Instant::now();
     let forwards = device.as_ref().map(|d| d as &dyn Forwards);

@@ -36,14 +36,14 @@ pub(crate) async fn start_export(
         None => None,
     };
     let target = transfer::target(&body, &app.workspace.folder)?;
-    if let Some(path) = target.clone().filter(|_| !body.replace) {
+    let scene = Scene { clip: &clip, robot: &robot.source, settings: &settings, beside };
+    let (request, extra) = transfer::job(&body, &scene, target.clone())?;
+    if let Some(path) = target.filter(|_| !body.replace) {
         let exists = move || path.exists().then_some(path);
         if let Some(path) = apart("the file was not looked for", exists).await? {
             return Err(Error::Exists { path }.into());
         }
     }
-    let scene = Scene { clip: &clip, robot: &robot.source, settings: &settings, beside };
-    let (request, extra) = transfer::job(&body, &scene, target)?;
     Ok(Json(app.jobs.start_with(request, extra, &app.workspace.folder)?))
 }
 

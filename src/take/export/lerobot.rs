@@ -32,16 +32,15 @@ pub fn lerobot(
     films: Option<Films>,
     options: &LeRobotOptions,
 ) -> Result<Export, Error> {
-    let features: Vec<Vec<Feature>> = episodes.iter().map(|e| features(e, options)).collect();
-    let Some(first) = features.first() else {
+    let Some(first) = episodes.first() else {
         return Err(unfit("there is no episode".to_owned()));
     };
-    for (episode, f) in episodes.iter().zip(&features) {
-        if f.iter().zip(first).any(|(a, b)| a.names != b.names) {
-            let (a, b) = (&episodes[0].robot, &episode.robot);
-            return Err(unfit(format!("episodes of {a} and of {b} have other joints")));
-        }
+    let names = |e: &Episode| (e.position.names.clone(), e.control.names.clone());
+    if let Some(other) = episodes.iter().find(|e| names(e) != names(first)) {
+        let (a, b) = (&first.robot, &other.robot);
+        return Err(unfit(format!("episodes of {a} and of {b} have other joints or actuators")));
     }
+    let features: Vec<Vec<Feature>> = episodes.iter().map(|e| features(e, options)).collect();
     let filmed = films.as_ref().map_or(episodes.len(), |f| f.samples.len());
     assert_eq!(filmed, episodes.len(), "a film for each episode");
     let set = Set::new(episodes, features, films);

@@ -2026,7 +2026,9 @@ export type Stage =
   /** Passes along the planner's path. */
   | "follow"
   /** Tries of the random search. */
-  | "search";
+  | "search"
+  /** Tries of softer motion in gaps. */
+  | "soften";
 
 /** Exactly one of a named pose and values. */
 export interface Start {
