@@ -25,6 +25,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::error::Error;
+use super::gap::Gap;
 use super::run::Rollout;
 use super::spline;
 use super::window::{Goals, HISTORY};
@@ -76,14 +77,6 @@ pub struct GapFigures {
     /// visible ones; below 1 is closer to the hidden motion.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub to_cubic: Option<f64>,
-}
-
-/// One gap: these joints have goals at frames `from` and `to`, and none between.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct Gap {
-    pub(super) from: usize,
-    pub(super) to: usize,
-    pub(super) joints: Vec<usize>,
 }
 
 /// States by frame: 30 of history, then frame 0 and the reached states.

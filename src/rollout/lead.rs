@@ -1,6 +1,6 @@
 //! What leads a policy besides its goals: corrections of the goals, and gaps in which it sees the planned motion.
 
-use super::gaps::Gap;
+use super::gap::Gap;
 
 /// What leads a policy besides its goals.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -21,6 +21,7 @@ mod error;
 mod extracted_tasks;
 mod fitted;
 pub mod floor;
+mod gap;
 mod gaps;
 mod guide;
 mod holds;

@@ -7,7 +7,8 @@
 //! jolts more than usual.
 
 use super::error::Error;
-use super::gaps::{self, Gap, Roughness};
+use super::gap::Gap;
+use super::gaps::{self, Roughness};
 use super::judge::{Judge, commanded};
 use super::lead::Lead;
 use super::natural;

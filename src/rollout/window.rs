@@ -436,7 +436,7 @@ impl Window {
 
 #[cfg(test)]
 mod tests {
-    use super::super::gaps::Gap;
+    use super::super::gap::Gap;
     use super::*;
 
     /// One joint; `None` is masked.
