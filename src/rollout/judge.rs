@@ -25,7 +25,7 @@ const JAM_WEIGHT: f64 = 5.0;
 const TOLERATED_LOSS: f64 = 0.03;
 
 /// The factor of the penalty for jerk that a gentle judge counts: a mean jerk of 4 in place of 3 may cost .004 rad.
-const GENTLY: f64 = 8.0;
+pub(super) const GENTLY: f64 = 8.0;
 /// Under a gentle judge the usual sum may grow by this share.
 const GENTLE_LOSS: f64 = 0.03;
 

@@ -13,10 +13,10 @@ const FREE: f64 = 0.1;
 
 /// Penalty of unnatural motion in a gap, as rad or m of error: for each rad or m of overshoot; and for
 /// each 1 by which the path, relative to the straight line, exceeds [`LONGEST_PATH`].
-const SWING_WEIGHT: f64 = 0.06;
+pub(super) const SWING_WEIGHT: f64 = 0.06;
 const PATH_WEIGHT: f64 = 0.02;
 /// The penalty for each 1 by which the jerk, relative to the minimum, exceeds [`MOST_JERK`].
-const JERK_WEIGHT: f64 = 5e-4;
+pub(super) const JERK_WEIGHT: f64 = 5e-4;
 /// The penalty for each rad or m that the joints move within a hold.
 const RESTLESS_WEIGHT: f64 = 0.01;
 /// Less motion in a hold is no place to search, rad or m.

@@ -9,7 +9,7 @@
 use super::error::Error;
 use super::gap::Gap;
 use super::gaps::{self, Roughness};
-use super::judge::{Judge, commanded};
+use super::judge::{self, Judge, commanded};
 use super::lead::Lead;
 use super::natural;
 use super::run::Rollout;
@@ -18,8 +18,8 @@ use super::window::HISTORY;
 
 /// Motion in a gap is rough if its jerk relative to the least exceeds this.
 const ROUGH: f64 = 2.0;
-/// What an overshoot of 1 rad or m counts like, in jerk. It is the ratio of their penalties.
-const SWING: f64 = 15.0;
+/// What an overshoot of 1 rad or m counts like, in jerk: the ratio of what a gentle judge counts for them.
+const SWING: f64 = natural::SWING_WEIGHT / (judge::GENTLY * natural::JERK_WEIGHT);
 /// Frames before and after a gap in which goals are led to its ends.
 const EASE: usize = 6;
 /// Frames that are simulated at most, as a multiple of those of the clip.
