@@ -416,6 +416,19 @@ mod tests {
             .to_vec()
     }
 
+    #[test]
+    fn episodes_of_different_robots_are_refused() {
+        let mixed = [episodes("pointmass"), episodes("ur5e")].concat();
+        // Which joints are commanded is known of the first robot only.
+        let options =
+            LeRobotOptions { motorised: Some(vec![true; 2]), ..LeRobotOptions::default() };
+        let refused = lerobot(&mixed, None, &options).err().unwrap().to_string();
+        assert!(
+            refused.contains("episodes of pointmass and of ur5e have other joints"),
+            "{refused}"
+        );
+    }
+
     fn file<'a>(export: &'a Export, name: &str) -> &'a [u8] {
         let found = export.files.iter().find(|f| f.name == name);
         &found.unwrap_or_else(|| panic!("no {name}")).bytes
