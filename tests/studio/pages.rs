@@ -121,7 +121,10 @@ fn an_export_is_a_job_with_progress_and_can_be_cancelled() {
     let job = studio.post("/api/exports", &json!({"format": "mcap", "path": "out/a.mcap"})).json();
     assert_eq!(ended(&studio, &job)["phase"], "done");
     assert_eq!(&std::fs::read(dir.path().join("out/a.mcap")).unwrap()[1..5], b"MCAP");
-    let film = studio.post("/api/exports", &json!({"format": "mp4", "size": [1280, 720]})).json();
+    let asked = json!({"format": "mp4", "size": [1280, 720], "path": "a.mp4"});
+    let film = studio.post("/api/exports", &asked).json();
+    let refused = studio.post("/api/exports", &asked);
+    assert_eq!(refused.status, 400, "two jobs must not write one file: {refused:?}");
     assert_eq!(studio.get(&format!("/api/jobs/{}/file", film["id"])).status, 404, "not yet");
     studio.post(&format!("/api/jobs/{}/cancel", film["id"]), &json!({}));
     let phase = ended(&studio, &film)["phase"].clone();

@@ -83,11 +83,20 @@ export function Export({ onClose }: { onClose: () => void }) {
     void http("GET /api/formats").then((formats) => {
       listed.value = { opened: d?.opened, formats };
       if (!isListed) choose(0);
-    }, complain);
+    }, (e) => {
+      said.value = "The formats could not be read. Close this, and open it again.";
+      complain(e);
+    });
   }, []);
   const { formats } = listed.value;
   const f = isListed ? formats[chosen.value] : undefined;
-  if (!f || !d) return null;
+  if (!d) return null;
+  if (!f)
+    return (
+      <Dialog title="Export" class="wide" onClose={onClose}>
+        <p role="status">{said.value || "Asking what can be made of this motion…"}</p>
+      </Dialog>
+    );
   const isFilm = f.kind === "film";
   const isPictured = isFilm || f.kind === "picture";
   const isClip = f.kind === "clip";

@@ -70,6 +70,12 @@ impl Document {
         journal.repair(&records, &mut damage)?;
         let edits = edits(&records);
         let base = match (records.first(), &on_disk) {
+            // Nothing of the journal is in use, and another program has changed the file.
+            (Some(Record::Base { text, .. }), Ok((_, found)))
+                if text != found && damage.lost.is_empty() && all_undone(&records) =>
+            {
+                None
+            }
             (Some(Record::Base { text, .. }), _) if edits > 0 => Some(text.clone()),
             // Both copies of the base are damaged: the content is that of the file.
             (Some(_), Ok((_, text))) if edits > 0 => Some(text.clone()),
@@ -186,13 +192,7 @@ impl Document {
     /// document continue from the same steps.
     pub(super) fn replay(&mut self, records: &[Record], damage: &mut Damage) -> Result<(), Error> {
         let steps = steps(records);
-        for step in &steps {
-            match step {
-                Step::Edit { .. } => self.replayed.push(),
-                Step::Undo => drop(self.replayed.undo()),
-                Step::Redo => drop(self.replayed.redo()),
-            }
-        }
+        self.replayed = Replayed::of(&steps);
         let skipped = self.editor.replay(&steps, damage.lost.is_empty())?;
         for number in &skipped {
             let what = "leans on what was lost, and is lost too";
@@ -236,4 +236,10 @@ pub(super) fn steps(records: &[Record]) -> Vec<Step> {
 pub(super) fn edits(records: &[Record]) -> usize {
     let counts = |r: &&Record| matches!(r, Record::Edit { .. } | Record::Undo | Record::Redo);
     records.iter().filter(counts).count()
+}
+
+/// Whether the content that the records lead to is that of their base.
+fn all_undone(records: &[Record]) -> bool {
+    let Replayed { done, apart, .. } = Replayed::of(&steps(records));
+    done == 0 && !apart
 }

@@ -1,5 +1,7 @@
 //! The result of replaying a journal, without opening it.
 
+use robert_clip::Step;
+
 /// The history that a replay of the journal would have. After a save it is shorter than the true
 /// one, and its missing steps must be written out as an edit.
 #[derive(Clone, Copy, Debug, Default)]
@@ -12,6 +14,19 @@ pub(super) struct Replayed {
 }
 
 impl Replayed {
+    /// The history that these steps make.
+    pub(super) fn of(steps: &[Step]) -> Replayed {
+        let mut replayed = Replayed::default();
+        for step in steps {
+            match step {
+                Step::Edit { .. } => replayed.push(),
+                Step::Undo => drop(replayed.undo()),
+                Step::Redo => drop(replayed.redo()),
+            }
+        }
+        replayed
+    }
+
     pub(super) fn push(&mut self) {
         self.done += 1;
         self.len = self.done;

@@ -244,9 +244,15 @@ fn what_was_all_undone_is_not_recovered_and_a_changed_file_is_told_of() {
     let mut other = blank();
     other.name = "of another program".into();
     std::fs::write(&file, other.to_text()).unwrap();
-    let doc = open();
+    let mut doc = open();
     let told = doc.restored().expect("saving would overwrite what the other program wrote");
     assert_eq!((told.edits, told.file_changed), (1, true));
+    // What was all undone must not come back in place of the changed file.
+    doc.edit(&[Edit::Undo]);
+    drop(doc);
+    let doc = open();
+    assert_eq!((doc.restored(), doc.is_dirty(), doc.history()), (None, false, (0, 0)));
+    assert_eq!(doc.clip().name, "of another program");
 }
 
 #[test]
