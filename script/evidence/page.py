@@ -5,6 +5,9 @@
 
     <!-- results: =FILE/SUITE/POLICY -->.00027<!-- end -->      one figure inside a sentence;
     also =FILE/SUITE/POLICY/TASK, and with ::FIGURE or ::FIGURE.DIGITS behind either
+
+    <!-- results: =FILE#ROW#2 -->.0768<!-- end -->      the second cell behind ROW, in a table that was
+    measured once; =FILE#DATASET#KEY is a fact of the data of a file. Spaces in a name are _ here.
 """
 
 import os
@@ -48,7 +51,8 @@ def fill(path, known, used):
     def one(block):
         name = block[1]
         if name.startswith("="):
-            return f"<!-- results: {name} -->{inline(name[1:])}<!-- end -->"
+            show = noted if "#" in name else inline
+            return f"<!-- results: {name} -->{show(name[1:])}<!-- end -->"
         if name not in known:
             line = path.read_text()[: block.start()].count("\n") + 1
             raise Missing(f"{path.relative_to(ROOT)}:{line}: results/tables.toml has no {name}")
@@ -77,6 +81,26 @@ def inline(text):
     if number is None:
         raise Missing(f"={text}: the file has no such figure")
     return table.form(number, figure, int(digits or 5))
+
+
+def noted(text):
+    """One cell of a table that was measured once, or one fact of a dataset."""
+    file, label, which = text.split("#")
+    data = record.load(file).data
+    if data["kind"] != "noted":
+        fact = data["data"].get(label, {}).get(which)
+        if fact is None:
+            raise Missing(f"={text}: the file has no such fact")
+        return f"{fact:,}" if isinstance(fact, int) else table.share(fact)
+    rows = [row for row in data["rows"] if plain(row[0]).replace(" ", "_") == label]
+    if len(rows) != 1 or not which.isdigit() or not 0 < int(which) < len(rows[0]):
+        raise Missing(f"={text}: the file has no such cell")
+    return plain(rows[0][int(which)])
+
+
+def plain(cell):
+    """A cell's text without marks."""
+    return cell.replace("*", "").replace("`", "")
 
 
 def sources(path, files):

@@ -1,7 +1,8 @@
 """A table of results/tables.toml as Markdown.
 
 A cell's address has the fields file, suite, policy, task and figure. Defaults of the table, the
-row and the column each give some of them; `figure` is `precision` where nobody gives one.
+row and the column each give some of them; `figure` is `precision` where nobody gives one. A
+column's `fill` replaces {} in the policy. Jams of several seeds are listed, not averaged.
 """
 
 import re
@@ -48,6 +49,8 @@ def entry(at, spec):
         if not spec.get("gaps"):
             raise
         number = None
+    if at["figure"] == "jams" and number is not None and len(counts := over_seeds(at)) > 1:
+        return ", ".join(form(count, "jams") for count in counts), None
     base, *options = at["policy"].replace(":", "+").split("+")
     rival = at["figure"] == "precision" and base not in KNOW_THE_MODEL and "refine" not in options
     text = form(number, at["figure"], spec.get("digits", 5))
@@ -80,6 +83,8 @@ def address(spec, row, column):
     found = {"figure": "precision"}
     for part in (spec, row, column):
         found.update({field: part[field] for field in FIELDS if field in part})
+    if "fill" in column:
+        found["policy"] = found["policy"].replace("{}", column["fill"])
     return found
 
 
@@ -142,15 +147,14 @@ def noted(spec):
 
 
 def datasets(spec):
-    """One row for each dataset of a record: frames, and how clean they are."""
-    data = record.load(spec["file"]).data["data"]
+    """One row for each dataset of some records: frames, and how clean they are."""
     rows = []
     for row in spec["rows"]:
-        facts = data[row["path"]]
+        facts = record.load(row["file"]).data["data"][row["path"]]
         shares = (share(facts[key]) for key in ("at_stop", "self_contact", "cells"))
         rows.append([row["label"], f"{facts['frames']:,}", *shares, f"`{facts['manifest_sha256'][:8]}`"])
     head = ["data", "frames", "a joint at a stop", "self-contact", "cells visited", "sha256 of the manifest"]
-    return markdown.table(head, rows), [spec["file"]]
+    return markdown.table(head, rows), [row["file"] for row in spec["rows"]]
 
 
 def share(number):
