@@ -83,6 +83,11 @@ fn mjcf_cases() -> Vec<Case> {
         case("entity.xml", world("<body name=\"&system;\"/>"), "entity.xml:3:"),
         // The schema.
         case("element.xml", with("<robots/>"), "unrecognized element"),
+        case(
+            "part.xml",
+            "<mujoco><body name=\"b\"><geom size=\".1\"/></body></mujoco>",
+            "import the file that includes it",
+        ),
         case("attribute.xml", body("colour=\"red\"", "", "size=\".1\""), "unrecognized attribute"),
         case("extension.xml", with("<extension><plugin plugin=\"a\"/></extension>"), "Schema violation"),
         case("keyword.xml", with("<option cone=\"round\"/>"), "invalid keyword"),

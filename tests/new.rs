@@ -16,6 +16,7 @@ fn a_file_becomes_a_policy_and_the_same_command_finds_it_again() {
     let ran = robert().file("arm.xml", ARM).args(make).succeeds();
     let first = ran.json();
     let error = |policy: &str| first["precision"][policy].as_f64().unwrap();
+    assert_eq!(first["precision"].get("robert"), Some(&serde_json::Value::Null), "not trained");
     let kept = first["kept"].as_str().unwrap();
     assert!(["pd", "ridge"].contains(&kept), "{kept}");
     assert!(error("pd").min(error("ridge")) < 0.005, "{first}");

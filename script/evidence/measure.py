@@ -49,7 +49,7 @@ def again(name, policies, commit, say):
         if known["tasks"] != new["tasks"]:
             raise plan.Unknown(f"{name} was measured on other tasks of {suite}: measure all of it")
         known["policies"].update(new["policies"])
-    old.data["command"] = f"robert {entry['run']}"
+    old.data["command"], old.data["figures"] = f"robert {entry['run']}", FIGURES
     old.data["inputs"].update(found["inputs"])
     old.data.setdefault("again", {}).update(dict.fromkeys(policies, commit))
     return old
@@ -130,6 +130,9 @@ def figures(task):
         "precision": task["precision"], "moving": task.get("moving"), "masked": task.get("masked_mae"),
         "path": gap.get("path"), "overshoot": (gap.get("overshoot") or {}).get("value"),
         "jerk": gap.get("jerk"), "jams": None if jams is None else len(jams), "du": task.get("mean_abs_du"),
+        "path_worst": (gap.get("path_worst") or {}).get("value"),
+        "jerk_worst": (gap.get("jerk_worst") or {}).get("value"),
+        "to_cubic": gap.get("to_cubic"),
     }
     return [short(row[name]) for name in FIGURES]
 

@@ -10,8 +10,11 @@ import pathlib
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "results"
 
-# Figures of one task, in the order of the lists in the files.
-FIGURES = ["precision", "moving", "masked", "path", "overshoot", "jerk", "jams", "du"]
+# Figures of one task, in the order of the lists in the files. Older files end with `du`.
+FIGURES = [
+    "precision", "moving", "masked", "path", "overshoot", "jerk", "jams", "du",
+    "path_worst", "jerk_worst", "to_cubic",
+]
 
 
 class Missing(Exception):
@@ -41,7 +44,7 @@ class Record:
             raise Missing(f"results/{self.name}.json has no {key} ({suite}, {policy})") from None
 
     def figure(self, figure, suite, policy, task=None):
-        """One figure of a task, or of a suite: the mean over its tasks (jams: the sum).
+        """One figure of a task, or of a suite: the mean over its tasks (jams: the sum; the worst gap: the largest).
 
         `floor` is the Precision of iLQR. `excess` is Precision / floor - 1; that of a suite is
         the ratio of the means. None where the task has no such figure, and
@@ -57,7 +60,7 @@ class Record:
             return None if floor is None or floor < 1e-5 else own / floor - 1
         elif figure in FIGURES:
             at = FIGURES.index(figure)
-            values = [row[at] for row in found["tasks"]]
+            values = [row[at] if at < len(row) else None for row in found["tasks"]]
         else:
             raise Missing(f"there is no figure {figure}; there are {FIGURES}, floor, excess, ci95")
         if task is not None:
@@ -68,6 +71,8 @@ class Record:
         # A rollout that diverged has no Precision, and a mean without it would be too good.
         if not known or figure == "precision" and len(known) < len(values):
             return None
+        if figure.endswith("_worst"):
+            return max(known)
         return sum(known) if figure == "jams" else sum(known) / len(known)
 
     def cells(self):

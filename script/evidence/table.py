@@ -124,7 +124,7 @@ def form(number, figure, digits=5):
         return ""
     if figure == "jams":
         return str(int(number))
-    if figure in ("path", "jerk"):
+    if figure in ("path", "jerk", "path_worst", "jerk_worst", "to_cubic"):
         return f"{number:.2f}"
     if figure == "excess":
         return f"{number:+.0%}".replace("%", " %") if number < 2 else f"{1 + number:.0f} times"

@@ -525,8 +525,12 @@ fn report(
     kept: &str,
     [instant_secs, total_secs]: [f64; 2],
 ) -> Outcome {
-    let means: serde_json::Map<String, Value> =
-        found.iter().map(|e| (e.policy.clone(), json!(e.precision_mean))).collect();
+    // A policy that was not performed, such as the network with `--minutes 0`, is there as null.
+    let mut means: serde_json::Map<String, Value> = ["pd", "ridge", "robert"]
+        .map(|policy| (policy.to_owned(), Value::Null))
+        .into_iter()
+        .collect();
+    means.extend(found.iter().map(|e| (e.policy.clone(), json!(e.precision_mean))));
     if args.json {
         let results: Vec<Value> = found.iter().map(|e| json!(e)).collect();
         return out::json(&json!({

@@ -109,8 +109,10 @@ fn session(data: &Dataset, cfg: &TrainConfig, opts: &mut Options<'_>) -> Result<
             }
             interrupted |= !run.evaluate_if_due(&source, held_out.as_ref(), opts)?;
             if opts.patience > 0 && run.metrics.worse_in_a_row() >= opts.patience {
-                let text =
-                    format!("step {}: the closed loop gets worse; the best is kept", run.step);
+                let text = format!(
+                    "step {}: the error in closed loop stays above twice the best; the best is kept",
+                    run.step
+                );
                 opts.progress.log(&text);
                 worsened = true;
                 session.checkpoint(&mut run, opts)?;

@@ -80,13 +80,16 @@ export function Export({ onClose }: { onClose: () => void }) {
   useEffect(() => {
     if (isListed) choose(0);
     // The robot may have been loaded since.
-    void http("GET /api/formats").then((formats) => {
-      listed.value = { opened: d?.opened, formats };
-      if (!isListed) choose(0);
-    }, (e) => {
-      said.value = "The formats could not be read. Close this, and open it again.";
-      complain(e);
-    });
+    void http("GET /api/formats").then(
+      (formats) => {
+        listed.value = { opened: d?.opened, formats };
+        if (!isListed) choose(0);
+      },
+      (e) => {
+        said.value = "The formats could not be read. Close this, and open it again.";
+        complain(e);
+      },
+    );
   }, []);
   const { formats } = listed.value;
   const f = isListed ? formats[chosen.value] : undefined;

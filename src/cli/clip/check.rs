@@ -173,7 +173,7 @@ fn file(a: &Check, path: &Path, bar: &Bar, cancel: &Cancel) -> Result<FileReport
     let threads = cores();
     let asked = robot.as_ref().filter(|_| a.simulate);
     let simulation = asked.map(|robot| Simulation::new(robot, threads, bar, cancel));
-    let mut finder = Finder { table: &table, simulation };
+    let mut finder = Finder::new(&table, simulation, bar, cancel);
     let placed = |e: Failure| match compile_for(&parsed.clip, Some(&table)) {
         Err(broken) => parsed.broken(broken).in_file(&place).into(),
         Ok(_) => e.about(&place),

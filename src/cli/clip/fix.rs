@@ -2,17 +2,29 @@
 //! changes.
 
 use std::cmp::Ordering;
+use std::collections::HashSet;
 
 use serde::Serialize;
 
+use super::super::bar::Bar;
 use super::super::failure::{Failure, Outcome};
 use super::simulate::Simulation;
 use crate::clip::{
-    Clip, Command, Fix, JointTable, Level, Lint, Op, Rule, compile_for, edited, lint,
+    Batch, Clip, Command, Fix, JointTable, KeysSet, Level, Lint, Op, Rule, compile_for, edited,
+    lint,
 };
+use crate::exit::Exit;
+use crate::progress::{Cancel, Progress as _};
 
 /// The most fixes to apply. Each removes a finding, and some lead to another one.
 const FIXES: usize = 1000;
+
+/// From this number on, fixes of the values of keys are tried together.
+const MANY: usize = 8;
+
+/// The most clips that are checked to find fixes one by one. A long recording with a thousand findings takes
+/// a minute then.
+const CHECKS: usize = 4000;
 
 /// The most fixes that change nothing for the better by themselves, after which others are tried.
 const FIRSTS: usize = 6;
@@ -104,12 +116,35 @@ struct Repaired {
 
 /// Finds what is wrong with clips, with or without simulation.
 pub(super) struct Finder<'a> {
-    pub table: &'a JointTable,
-    pub simulation: Option<Simulation<'a>>,
+    table: &'a JointTable,
+    simulation: Option<Simulation<'a>>,
+    bar: &'a Bar,
+    cancel: &'a Cancel,
+    /// Clips checked so far.
+    checks: usize,
+}
+
+impl<'a> Finder<'a> {
+    pub(super) fn new(
+        table: &'a JointTable,
+        simulation: Option<Simulation<'a>>,
+        bar: &'a Bar,
+        cancel: &'a Cancel,
+    ) -> Finder<'a> {
+        Finder { table, simulation, bar, cancel, checks: 0 }
+    }
 }
 
 impl Finder<'_> {
+    /// What is wrong with a clip.
+    ///
+    /// # Errors
+    /// A clip that cannot be compiled; an interruption.
     pub(super) fn find(&mut self, clip: &Clip) -> Outcome<Vec<Lint>> {
+        if self.cancel.is_cancelled() {
+            return Err(Failure::with(Exit::Interrupted, "interrupted; nothing was changed"));
+        }
+        self.checks += 1;
         let command = compile_for(clip, Some(self.table)).map_err(Failure::invalid)?;
         match &mut self.simulation {
             Some(simulation) => simulation.lint(clip, &command, self.table),
@@ -124,22 +159,39 @@ impl Finder<'_> {
         lints: Vec<Lint>,
     ) -> Outcome<(Clip, Vec<Lint>, Fixed)> {
         let before = compile_for(clip, Some(self.table)).map_err(Failure::invalid)?;
-        let (mut clip, mut lints) = (clip.clone(), lints);
-        self.prepare(&clip, &lints)?;
-        let mut titles: Vec<(String, usize)> = Vec::new();
+        self.prepare(clip, &lints)?;
         let longest = (STRETCH * clip.length).max(SHORT);
-        let mut left_out = None;
+        let (total, mut left_out) = (bad(&lints), None);
+        if self.simulation.is_none() {
+            self.bar.phase("fix", "findings");
+        }
+        let mut now = Repaired { titles: Vec::new(), clip: clip.clone(), lints };
+        let mut search = Search { longest, ..Search::default() };
         for _ in 0..FIXES {
-            left_out = None;
-            let step = self.step(&clip, &lints, longest, &mut left_out)?;
-            let Some(Repaired { titles: applied, clip: next, lints: found }) = step else { break };
-            for title in applied {
-                match titles.iter_mut().find(|t| t.0 == title) {
-                    Some(t) => t.1 += 1,
-                    None => titles.push((title, 1)),
-                }
+            if self.simulation.is_none() {
+                self.bar.tick(total.saturating_sub(bad(&now.lints)) as u64, total as u64, "");
             }
-            (clip, lints) = (next, found);
+            let mut values = of_values(&now.lints);
+            values.retain(|fix| search.together.insert(words(fix)));
+            let before = now.titles.len();
+            now = self.together(now, &values)?;
+            if now.titles.len() > before {
+                continue;
+            }
+            search.left_out = None;
+            let step = self.step(&now.clip, &now.lints, &mut search)?;
+            left_out.clone_from(&search.left_out);
+            let Some(next) = step else { break };
+            let titles = [now.titles, next.titles].concat();
+            now = Repaired { titles, ..next };
+        }
+        let Repaired { titles: applied, clip, lints } = now;
+        let mut titles: Vec<(String, usize)> = Vec::new();
+        for title in applied {
+            match titles.iter_mut().find(|t| t.0 == title) {
+                Some(t) => t.1 += 1,
+                None => titles.push((title, 1)),
+            }
         }
         let after = compile_for(&clip, Some(self.table)).map_err(Failure::invalid)?;
         let fixed = Fixed {
@@ -165,30 +217,52 @@ impl Finder<'_> {
         simulation.prepare(&clips, self.table)
     }
 
-    /// The clip after the first fix that reduces the number of findings and keeps it within
-    /// `longest` frames, or after two fixes that do so together. A longer one is `left_out`.
+    /// The clip after these fixes, if each of them removes a finding; otherwise after each half of them for which
+    /// this holds.
+    fn together(&mut self, now: Repaired, fixes: &[Fix]) -> Outcome<Repaired> {
+        if fixes.len() < MANY {
+            return Ok(now);
+        }
+        let ops = fixes.iter().map(|fix| fix.op.clone()).collect();
+        let all = Op::Batch(Batch { label: String::new(), ops });
+        if let Ok(clip) = edited(&now.clip, &all, Some(self.table)) {
+            let lints = self.find(&clip)?;
+            let fixed = bad(&lints) + fixes.len() <= bad(&now.lints);
+            if fixed && weight(&lints) < weight(&now.lints) {
+                let mut titles = now.titles;
+                titles.extend(fixes.iter().map(|fix| fix.title.clone()));
+                return Ok(Repaired { titles, clip, lints });
+            }
+        }
+        let (first, second) = fixes.split_at(fixes.len() / 2);
+        let now = self.together(now, first)?;
+        self.together(now, second)
+    }
+
+    /// The clip after the first fix that reduces the number of findings and keeps it within the longest
+    /// length, or after two fixes that do so together. Fixes that did not help before come last.
     fn step(
         &mut self,
         clip: &Clip,
         lints: &[Lint],
-        longest: u32,
-        left_out: &mut Option<String>,
+        search: &mut Search,
     ) -> Outcome<Option<Repaired>> {
         let mut level = Vec::new();
-        for one in each(lints) {
-            let Some(next) = self.apply(clip, one, longest, left_out)? else { continue };
+        let (again, new): (Vec<&Fix>, Vec<&Fix>) =
+            each(lints).partition(|fix| search.useless.contains(&words(fix)));
+        for one in new.into_iter().chain(again) {
+            let Some(next) = self.apply(clip, one, search)? else { continue };
             match weight(&next.lints).cmp(&weight(lints)) {
                 Ordering::Less => return Ok(Some(next)),
-                Ordering::Equal => level.push(next),
-                Ordering::Greater => {}
+                Ordering::Equal if level.len() < FIRSTS => level.push(next),
+                Ordering::Equal | Ordering::Greater => {}
             }
+            search.useless.insert(words(one));
         }
         // A pose that was stored may need another fix before it is right.
-        for first in level.into_iter().take(FIRSTS) {
+        for first in level {
             for second in each(&first.lints).take(PARTNERS) {
-                let Some(mut next) = self.apply(&first.clip, second, longest, left_out)? else {
-                    continue;
-                };
+                let Some(mut next) = self.apply(&first.clip, second, search)? else { continue };
                 if weight(&next.lints) < weight(lints) {
                     next.titles.splice(0..0, first.titles);
                     return Ok(Some(next));
@@ -198,22 +272,53 @@ impl Finder<'_> {
         Ok(None)
     }
 
-    /// The clip after a fix; `None` if it cannot be applied, or makes the clip too long.
-    fn apply(
-        &mut self,
-        clip: &Clip,
-        fix: &Fix,
-        longest: u32,
-        left_out: &mut Option<String>,
-    ) -> Outcome<Option<Repaired>> {
+    /// The clip after a fix; `None` if it cannot be applied, makes the clip too long, or too much was tried.
+    fn apply(&mut self, clip: &Clip, fix: &Fix, search: &mut Search) -> Outcome<Option<Repaired>> {
+        if self.checks > CHECKS {
+            return Ok(None);
+        }
         let Ok(next) = edited(clip, &fix.op, Some(self.table)) else { return Ok(None) };
-        if next.length > longest {
-            left_out.get_or_insert(fix.title.clone());
+        if next.length > search.longest {
+            search.left_out.get_or_insert(fix.title.clone());
             return Ok(None);
         }
         let lints = self.find(&next)?;
         Ok(Some(Repaired { titles: vec![fix.title.clone()], clip: next, lints }))
     }
+}
+
+/// What is known while fixes are tried one by one.
+#[derive(Default)]
+struct Search {
+    /// The longest that the clip may become, frames.
+    longest: u32,
+    /// A fix that was not applied, because the clip would become longer.
+    left_out: Option<String>,
+    /// Fixes that were tried together.
+    together: HashSet<String>,
+    /// Fixes that did not help when they were tried one by one.
+    useless: HashSet<String>,
+}
+
+/// A fix in words that no other one has.
+fn words(fix: &Fix) -> String {
+    serde_json::to_string(&fix.op).unwrap_or_default()
+}
+
+/// The first fixes of findings that only change values of keys, none of them twice.
+fn of_values(lints: &[Lint]) -> Vec<Fix> {
+    let mut taken = HashSet::new();
+    let firsts = lints.iter().filter(|l| l.level > Level::Info).filter_map(|l| l.fixes.first());
+    let values = firsts.filter(|fix| match &fix.op {
+        Op::KeysSet(KeysSet { frame, values, .. }) => {
+            let places: Vec<_> = values.keys().map(|joint| (*frame, joint.as_str())).collect();
+            let is_free = !places.is_empty() && places.iter().all(|place| !taken.contains(place));
+            taken.extend(places);
+            is_free
+        }
+        _ => false,
+    });
+    values.cloned().collect()
 }
 
 /// The fixes of all findings that are more than a remark. A key that is held longer leaves less time
@@ -226,15 +331,73 @@ fn each(lints: &[Lint]) -> impl Iterator<Item = &Fix> {
 /// The order in which findings count: first errors, then speeds, then the other warnings. Two fixes that
 /// trade one finding for another then do not undo each other for ever.
 fn weight(lints: &[Lint]) -> (usize, usize, usize) {
-    let count = |is: &dyn Fn(&Lint) -> bool| lints.iter().filter(|l| is(l)).count();
     (
-        count(&|l| l.level == Level::Error),
-        count(&|l| l.rule == Rule::JointSpeed),
-        count(&|l| l.level == Level::Warning),
+        count(lints, &|l| l.level == Level::Error),
+        count(lints, &|l| l.rule == Rule::JointSpeed),
+        count(lints, &|l| l.level == Level::Warning),
     )
+}
+
+/// The number of such findings, with those that are not listed because there are too many of their rule.
+fn count(lints: &[Lint], is: &dyn Fn(&Lint) -> bool) -> usize {
+    let all = |rest: &Lint| {
+        let like = lints.iter().find(|l| l.rule == rest.rule && l.unlisted == 0);
+        if rest.unlisted == 0 {
+            usize::from(is(rest))
+        } else {
+            like.map_or(0, |l| rest.unlisted * usize::from(is(l)))
+        }
+    };
+    lints.iter().map(all).sum()
+}
+
+/// The number of findings that are more than a remark.
+fn bad(lints: &[Lint]) -> usize {
+    count(lints, &|l| l.level > Level::Info)
 }
 
 fn goals(command: &Command) -> usize {
     let frame = |f| (0..command.dim()).filter(|&j| command.sees(f, j)).count();
     (0..command.frames()).map(frame).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clip::{Key, RobotRef};
+    use crate::robot::Robot;
+
+    /// A recording of the hand in which two joints of each tendon are apart at every frame.
+    fn recording(robot: &Robot, frames: u32) -> Clip {
+        let (id, joints) = (robot.id().to_owned(), robot.joints());
+        let joints: Vec<String> = joints.iter().map(|j| j.name.clone()).collect();
+        let bent = |frame: u32| 0.5 + 0.1 * (f64::from(frame) / 10.0).sin();
+        let row = |frame: u32| {
+            let value = |name: &String| if name.ends_with("J2") { bent(frame) } else { 0.0 };
+            joints.iter().map(value).collect::<Vec<f64>>()
+        };
+        let clip = RobotRef { id, joints: joints.clone(), ..RobotRef::default() };
+        let mut clip = Clip::new(clip, frames);
+        clip.keys = (0..frames).map(|frame| Key::new(frame, &row(frame))).collect();
+        clip
+    }
+
+    #[test]
+    fn a_recording_with_hundreds_of_findings_is_fixed_at_once() {
+        let robot = Robot::builtin("shadow_hand").unwrap();
+        let clip = recording(&robot, 80);
+        let table = super::super::files::joint_table(&clip, Some(&robot));
+        let (bar, cancel) = (Bar::new("settle", "poses", true), Cancel::default());
+        let mut finder = Finder::new(&table, None, &bar, &cancel);
+        let lints = finder.find(&clip).unwrap();
+        let findings = bad(&lints);
+        assert!(findings >= 80, "{findings}");
+        let (clip, left, fixed) = finder.fix(&clip, lints).unwrap();
+        assert_eq!((bad(&left), fixed.kept), (0, 0), "{left:?}");
+        assert!(fixed.count() >= 80, "{fixed:?}");
+        assert!(finder.checks < 40, "{} clips were checked", finder.checks);
+        // It can be stopped.
+        cancel.cancel();
+        assert!(finder.find(&clip).is_err());
+    }
 }

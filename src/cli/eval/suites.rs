@@ -36,7 +36,12 @@ pub(super) fn suites(args: &Args) -> Outcome<(Arc<Robot>, Vec<Suite>)> {
         if path.is_dir() {
             named.push((text.trim_end_matches('/').to_owned(), Source::Clips(folder(path)?)));
         } else if input::exists(path) || path.extension().is_some_and(|e| e == "json") {
-            files.push((stem(path), motion::clip(text, None)?));
+            let clip = motion::clip(text, None)?;
+            // Stdin and pipes have no name of their own.
+            let is_unnamed = input::is_standard(path) || input::is_pipe(path);
+            let name =
+                if is_unnamed && !clip.name.is_empty() { clip.name.clone() } else { stem(path) };
+            files.push((name, clip));
         } else if text == "trial" {
             named.push((text.clone(), Source::Trial));
         } else if text == "test" {

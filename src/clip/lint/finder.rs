@@ -99,8 +99,18 @@ impl<'a> Finder<'a> {
             let message = format!("and {} more of this kind", count - LISTED);
             let pointer = "/keys".to_owned();
             let (joints, fixes, settled) = (Vec::new(), Vec::new(), None);
-            let level = Level::Info;
-            self.lints.push(Lint { level, rule, message, frames, joints, pointer, fixes, settled });
+            let (level, unlisted) = (Level::Info, count - LISTED);
+            self.lints.push(Lint {
+                level,
+                rule,
+                message,
+                frames,
+                joints,
+                pointer,
+                fixes,
+                settled,
+                unlisted,
+            });
         }
     }
 

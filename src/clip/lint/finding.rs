@@ -79,6 +79,9 @@ pub struct Lint {
     /// Of a pose that the robot cannot hold ([`Rule::Unreachable`]): what it holds instead.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub settled: Option<SettledPose>,
+    /// Findings of this rule that are not listed; 0 but for the remark that says so.
+    #[serde(skip)]
+    pub unlisted: usize,
 }
 
 /// The pose in which a robot comes to rest when it is driven to another one that it cannot hold.

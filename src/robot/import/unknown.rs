@@ -218,6 +218,14 @@ pub(super) fn hint(message: &str) -> Option<&'static str> {
             "; no convex hull of this mesh was found: give the shape some thickness, or a simpler mesh",
         );
     }
+    // Words that every version knows, in a place where they may not stand.
+    let parts = ["body", "joint", "freejoint", "geom", "site", "inertial", "camera", "light"];
+    let is_part = |part: &&str| message.contains(&format!("Element '{part}'"));
+    if message.contains("unrecognized element") && parts.iter().any(|part| is_part(&part)) {
+        return Some(
+            "; this element may not stand here: if the file is a part of a scene, import the file that includes it",
+        );
+    }
     let words = ["unrecognized attribute", "unrecognized element", "invalid keyword"];
     words.iter().any(|w| message.contains(w)).then_some(
         "; MuJoCo 2.2.2 does not know this: a typing error, or a word of a later version; take \

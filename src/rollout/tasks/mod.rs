@@ -8,8 +8,7 @@
 //! The others were typed by hand: poses in round degrees, not settled in simulation and not
 //! corrected afterwards. `drawn` contains poses, sequences and medleys, `fast` quick motions,
 //! `touch` poses that press against something. Each of them has a second half, `drawn-final` and so
-//! on, together `final`. That half influences no training, tuning or choice; it is measured once a
-//! model is frozen.
+//! on, together `final`. That half influences no training and no choice of a model.
 
 pub mod author;
 mod trial;

@@ -118,7 +118,9 @@ impl Jobs {
                 return Err(Error::Full { what: "jobs", cap: limits::JOBS });
             }
             let same = |j: &&Job| j.pid.is_some() && j.extra.output == extra.output;
-            if let Some(path) = extra.output.as_deref().filter(|_| inner.jobs.values().any(|j| same(&j))) {
+            if let Some(path) =
+                extra.output.as_deref().filter(|_| inner.jobs.values().any(|j| same(&j)))
+            {
                 let what = "another job is writing this file; wait for it, or name another file";
                 return Err(Error::request(format!("{what}: {}", path.display())));
             }

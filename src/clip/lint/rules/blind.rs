@@ -46,6 +46,7 @@ impl Finder<'_> {
                 pointer: format!("/keys/{}", key.min(self.clip.keys.len().saturating_sub(1))),
                 fixes,
                 settled: None,
+                unlisted: 0,
             });
         }
     }

@@ -67,6 +67,7 @@ impl Finder<'_> {
             pointer: format!("{}/{first}", place.pointer),
             fixes: place.fix("Split evenly", &even),
             settled: None,
+            unlisted: 0,
         })
     }
 }

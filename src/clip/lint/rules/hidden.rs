@@ -38,6 +38,7 @@ impl Finder<'_> {
             pointer: format!("/keys/{i}"),
             fixes: vec![Fix { title: "Unmask the key".to_owned(), op: Op::MaskSet(set) }],
             settled: None,
+            unlisted: 0,
         })
     }
 
@@ -85,6 +86,7 @@ impl Finder<'_> {
             pointer: format!("/keys/{i}/hold"),
             fixes,
             settled: None,
+            unlisted: 0,
         })
     }
 }

@@ -65,6 +65,7 @@ impl Finder<'_> {
                 pointer: format!("{}/{first}", place.pointer),
                 fixes,
                 settled: None,
+                unlisted: 0,
             });
         }
     }

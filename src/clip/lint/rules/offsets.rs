@@ -67,6 +67,7 @@ impl Finder<'_> {
                     pointer,
                     fixes: vec![Fix { title: "Delete the offset".to_owned(), op }],
                     settled: None,
+                    unlisted: 0,
                 });
             } else if !words.is_empty() && !self.full(Rule::JointLimit) {
                 let joints = least.keys().cloned().collect();
@@ -80,6 +81,7 @@ impl Finder<'_> {
                     pointer: format!("{pointer}/add"),
                     fixes: vec![Fix { title: "Add only as much as fits".to_owned(), op }],
                     settled: None,
+                    unlisted: 0,
                 });
             }
         }

@@ -40,6 +40,7 @@ impl Finder<'_> {
                 pointer: format!("/keys/{key}"),
                 fixes: vec![Fix { title: "Mask these frames for all joints".to_owned(), op }],
                 settled: None,
+                unlisted: 0,
             });
         }
     }

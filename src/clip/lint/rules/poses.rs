@@ -42,6 +42,7 @@ impl Finder<'_> {
                     pointer: place.pointer.clone(),
                     fixes: store(&place, joints, report.settled.as_deref()),
                     settled: None,
+                    unlisted: 0,
                 });
             }
             let Some(reached) = &report.settled else { continue };
@@ -81,6 +82,7 @@ impl Finder<'_> {
                     joint,
                     distance,
                 }),
+                unlisted: 0,
             });
         }
         for lint in lints {

@@ -49,6 +49,7 @@ impl Finder<'_> {
                 pointer: format!("/keys/{}/reach/{}", missed.key, missed.goal),
                 fixes,
                 settled: None,
+                unlisted: 0,
             });
         }
     }

@@ -19,6 +19,7 @@ impl Finder<'_> {
                 pointer,
                 fixes: vec![],
                 settled: None,
+                unlisted: 0,
             });
         };
         if clip.robot.id != table.robot {

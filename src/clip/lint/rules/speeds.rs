@@ -155,6 +155,7 @@ impl Finder<'_> {
             pointer: format!("/keys/{}", next.min(keys.len().saturating_sub(1))),
             fixes,
             settled: None,
+            unlisted: 0,
         }
     }
 

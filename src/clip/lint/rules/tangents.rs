@@ -185,7 +185,17 @@ impl Finder<'_> {
     ) {
         if !self.full(rule) {
             let (frames, settled) = (Some(frames), None);
-            self.push(Lint { level, rule, message, frames, joints, pointer, fixes, settled });
+            self.push(Lint {
+                level,
+                rule,
+                message,
+                frames,
+                joints,
+                pointer,
+                fixes,
+                settled,
+                unlisted: 0,
+            });
         }
     }
 }
