@@ -54,6 +54,16 @@ fn a_figure_that_was_changed_by_hand_is_found_and_put_right() {
     assert!(said(&ran).contains("docs/models.md"), "{}", said(&ran));
     assert!(results(dir.path(), &[]).status.success());
     assert_eq!(fs::read_to_string(&page).unwrap(), right);
+    // So is one that another file has, too.
+    let file = dir.path().join("results/errors-ur5e.json");
+    let text = fs::read_to_string(&file).unwrap();
+    let mut changed: serde_json::Value = serde_json::from_str(&text).unwrap();
+    changed["suites"]["manual"]["policies"]["pd"]["tasks"][0][0] = 0.7.into();
+    fs::write(&file, changed.to_string()).unwrap();
+    let ran = results(dir.path(), &["--check"]);
+    assert_eq!(ran.status.code(), Some(1), "{}", said(&ran));
+    assert!(said(&ran).contains("differ in 1 of the cells that both have"), "{}", said(&ran));
+    fs::write(&file, text).unwrap();
     // A figure that was changed in a file differs from its pages too.
     let file = dir.path().join("results/ur5e.json");
     let text = fs::read_to_string(&file).unwrap();

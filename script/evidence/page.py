@@ -88,7 +88,7 @@ def noted(text):
     file, label, which = text.split("#")
     data = record.load(file).data
     if data["kind"] != "noted":
-        fact = data["data"].get(label, {}).get(which)
+        fact = data.get("data", {}).get(label, {}).get(which)
         if fact is None:
             raise Missing(f"={text}: the file has no such fact")
         return f"{fact:,}" if isinstance(fact, int) else table.share(fact)

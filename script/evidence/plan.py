@@ -11,9 +11,10 @@ class Unknown(Exception):
 
 
 def entries():
-    """Name to entry: `why`, `run` (the measuring command) and perhaps `make`.
+    """Name to entry: `why`, `run` (the measuring command) and perhaps `make` and `before`.
 
-    `make` is a list of `[path, command]`: what must be there first, and the command that makes it.
+    `make` is a list of `[path, command]`: what must be there first, and the command that makes it. `before` is a
+    change of the program that came after the file was measured, if its figures would be others today.
     """
     return tomllib.loads((FOLDER / "plan.toml").read_text())
 

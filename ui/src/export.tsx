@@ -90,7 +90,7 @@ export function Export({ onClose }: { onClose: () => void }) {
         complain(e);
       },
     );
-  }, []);
+  }, [d?.opened]);
   const { formats } = listed.value;
   const f = isListed ? formats[chosen.value] : undefined;
   if (!d) return null;

@@ -111,6 +111,10 @@ pub(super) fn run(a: &Check, global: Global) -> Outcome {
                 report.files.push(one);
             }
             // The other files are still checked; the last broken one decides the exit code.
+            Err(failure) if failure.exit() == Exit::Interrupted => {
+                bar.finish();
+                return Err(failure);
+            }
             Err(failure) => {
                 report.errors += 1;
                 let error = failure.sentence();

@@ -16,8 +16,8 @@ use crate::clip::{
 use crate::exit::Exit;
 use crate::progress::{Cancel, Progress as _};
 
-/// The most fixes to apply. Each removes a finding, and some lead to another one.
-const FIXES: usize = 1000;
+/// The most rounds, in each of which one fix is applied, or many together.
+const ROUNDS: usize = 1000;
 
 /// From this number on, fixes of the values of keys are tried together.
 const MANY: usize = 8;
@@ -54,6 +54,9 @@ pub(super) struct Fixed {
     /// Findings with fixes of which none was applied, because it would lead to others, or change the
     /// timing.
     pub kept: usize,
+    /// Whether so many fixes were tried that others were not.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub gave_up: bool,
 }
 
 impl Fixed {
@@ -93,6 +96,9 @@ impl Fixed {
         }
         match self.kept {
             0 => {}
+            n if self.gave_up => lines.push(format!(
+                "    {n} findings are left: after {CHECKS} tries no more were made; run it again"
+            )),
             1 => lines.push("    one finding is left whose fix would leave another".to_owned()),
             n => lines.push(format!("    {n} findings are left whose fixes would leave others")),
         }
@@ -141,14 +147,20 @@ impl Finder<'_> {
     /// # Errors
     /// A clip that cannot be compiled; an interruption.
     pub(super) fn find(&mut self, clip: &Clip) -> Outcome<Vec<Lint>> {
-        if self.cancel.is_cancelled() {
-            return Err(Failure::with(Exit::Interrupted, "interrupted; nothing was changed"));
-        }
+        self.go_on()?;
         self.checks += 1;
         let command = compile_for(clip, Some(self.table)).map_err(Failure::invalid)?;
         match &mut self.simulation {
             Some(simulation) => simulation.lint(clip, &command, self.table),
             None => Ok(lint(clip, &command, self.table, None)),
+        }
+    }
+
+    /// An error if the command was interrupted.
+    fn go_on(&self) -> Outcome {
+        match self.cancel.is_cancelled() {
+            true => Err(Failure::with(Exit::Interrupted, "interrupted; this clip was not changed")),
+            false => Ok(()),
         }
     }
 
@@ -167,7 +179,7 @@ impl Finder<'_> {
         }
         let mut now = Repaired { titles: Vec::new(), clip: clip.clone(), lints };
         let mut search = Search { longest, ..Search::default() };
-        for _ in 0..FIXES {
+        for _ in 0..ROUNDS {
             if self.simulation.is_none() {
                 self.bar.tick(total.saturating_sub(bad(&now.lints)) as u64, total as u64, "");
             }
@@ -178,9 +190,10 @@ impl Finder<'_> {
             if now.titles.len() > before {
                 continue;
             }
-            search.left_out = None;
+            let before = search.left_out.take();
             let step = self.step(&now.clip, &now.lints, &mut search)?;
-            left_out.clone_from(&search.left_out);
+            // The last step may have tried nothing.
+            left_out = search.left_out.clone().or(before.filter(|_| search.gave_up));
             let Some(next) = step else { break };
             let titles = [now.titles, next.titles].concat();
             now = Repaired { titles, ..next };
@@ -200,6 +213,7 @@ impl Finder<'_> {
             goals: [goals(&before), goals(&after)],
             kept: lints.iter().filter(|l| l.level > Level::Info && !l.fixes.is_empty()).count(),
             left_out,
+            gave_up: search.gave_up,
         };
         Ok((clip, lints, fixed))
     }
@@ -217,10 +231,10 @@ impl Finder<'_> {
         simulation.prepare(&clips, self.table)
     }
 
-    /// The clip after these fixes, if each of them removes a finding; otherwise after each half of them for which
-    /// this holds.
+    /// The clip after these fixes, if there are as many findings less; otherwise after each half of them for which this
+    /// holds.
     fn together(&mut self, now: Repaired, fixes: &[Fix]) -> Outcome<Repaired> {
-        if fixes.len() < MANY {
+        if fixes.len() < MANY || self.checks > CHECKS {
             return Ok(now);
         }
         let ops = fixes.iter().map(|fix| fix.op.clone()).collect();
@@ -275,9 +289,14 @@ impl Finder<'_> {
     /// The clip after a fix; `None` if it cannot be applied, makes the clip too long, or too much was tried.
     fn apply(&mut self, clip: &Clip, fix: &Fix, search: &mut Search) -> Outcome<Option<Repaired>> {
         if self.checks > CHECKS {
+            search.gave_up = true;
             return Ok(None);
         }
-        let Ok(next) = edited(clip, &fix.op, Some(self.table)) else { return Ok(None) };
+        self.go_on()?;
+        let Ok(next) = edited(clip, &fix.op, Some(self.table)) else {
+            search.useless.insert(words(fix));
+            return Ok(None);
+        };
         if next.length > search.longest {
             search.left_out.get_or_insert(fix.title.clone());
             return Ok(None);
@@ -294,6 +313,8 @@ struct Search {
     longest: u32,
     /// A fix that was not applied, because the clip would become longer.
     left_out: Option<String>,
+    /// Whether fixes were left untried.
+    gave_up: bool,
     /// Fixes that were tried together.
     together: HashSet<String>,
     /// Fixes that did not help when they were tried one by one.

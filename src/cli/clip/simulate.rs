@@ -97,6 +97,9 @@ impl<'a> Simulation<'a> {
     /// Settles the poses without a result.
     fn learn(&mut self, joints: &[String], poses: BTreeMap<Vec<u64>, Vec<f64>>) -> Outcome {
         let poses: Vec<(Vec<u64>, Vec<f64>)> = poses.into_iter().collect();
+        if !poses.is_empty() {
+            self.bar.phase("settle", "poses");
+        }
         let (done, total) = (self.known.len() as u64, (self.known.len() + poses.len()) as u64);
         let (next, finished) = (AtomicUsize::new(0), AtomicUsize::new(0));
         let work = || -> Outcome<Vec<(usize, PoseReport)>> {
@@ -108,7 +111,7 @@ impl<'a> Simulation<'a> {
                 if self.cancel.is_cancelled() {
                     return Err(Failure::with(
                         Exit::Interrupted,
-                        "interrupted; nothing was changed",
+                        "interrupted; this clip was not changed",
                     ));
                 }
                 mine.push((at, settler.check(joints, q)));

@@ -10,10 +10,10 @@ use std::time::{Duration, Instant};
 use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process, waitid};
 
 use crate::protocol::{Error, Event, Hub, JobKind, JobPhase, JobRequest, JobView};
-use robert_base::child;
 use robert_base::limits;
 use robert_base::progress::{JobEvent, JobProgress};
 use robert_base::scratch::Scratch;
+use robert_base::{child, fsio};
 
 struct Job {
     kind: JobKind,
@@ -101,7 +101,7 @@ impl Jobs {
     /// Starts a job with a title and files, on behalf of the studio.
     ///
     /// # Errors
-    /// As [`Jobs::start`].
+    /// As [`Jobs::start`]; [`Error::Request`] while another job writes the same file.
     pub(crate) fn start_with(
         &self,
         request: JobRequest,
@@ -117,9 +117,11 @@ impl Jobs {
             if running >= limits::JOBS {
                 return Err(Error::Full { what: "jobs", cap: limits::JOBS });
             }
-            let same = |j: &&Job| j.pid.is_some() && j.extra.output == extra.output;
+            let file = |extra: &Extra| extra.output.as_deref().map(fsio::resolved);
+            let own = file(&extra);
+            let mut running = inner.jobs.values().filter(|j| j.pid.is_some());
             if let Some(path) =
-                extra.output.as_deref().filter(|_| inner.jobs.values().any(|j| same(&j)))
+                own.filter(|own| running.any(|j| file(&j.extra).as_ref() == Some(own)))
             {
                 let what = "another job is writing this file; wait for it, or name another file";
                 return Err(Error::request(format!("{what}: {}", path.display())));
