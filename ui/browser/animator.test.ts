@@ -39,6 +39,10 @@ describe("an animator's hour", () => {
     await t.afresh(knots(6));
     await t.goTo(0);
     await t.until((s) => s.findings?.lints.some((l) => l.settled) ?? false, "the poses were simulated");
+    // A picture without its file has no height.
+    await t.page.waitForFunction(
+      () => (document.querySelector<HTMLImageElement>(".pose img")?.naturalHeight ?? 0) > 0,
+    );
     for (const [width, height] of [
       [1440, 900],
       [1366, 768],

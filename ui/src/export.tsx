@@ -96,7 +96,7 @@ export function Export({ onClose }: { onClose: () => void }) {
   if (!d) return null;
   if (!f)
     return (
-      <Dialog title="Export" class="wide" onClose={onClose}>
+      <Dialog key="waiting" title="Export" class="wide" onClose={onClose}>
         <p role="status">{said.value || "Asking what can be made of this motion…"}</p>
       </Dialog>
     );
@@ -163,7 +163,8 @@ export function Export({ onClose }: { onClose: () => void }) {
     return <Replace path={there.value} onClose={back} onReplace={() => void run(true, true)} />;
   }
   return (
-    <Dialog title="Export" class="wide" onClose={onClose}>
+    // A dialog of its own, so that its first field has the focus.
+    <Dialog key="formats" title="Export" class="wide" onClose={onClose}>
       <div class="formats" role="radiogroup" aria-label="Format">
         {formats.map((x, i) => {
           const why = x.why;
