@@ -158,10 +158,10 @@ impl Finder<'_> {
 
     /// An error if the command was interrupted.
     fn go_on(&self) -> Outcome {
-        match self.cancel.is_cancelled() {
-            true => Err(Failure::with(Exit::Interrupted, "interrupted; this clip was not changed")),
-            false => Ok(()),
+        if self.cancel.is_cancelled() {
+            return Err(Failure::with(Exit::Interrupted, "interrupted; this clip was not changed"));
         }
+        Ok(())
     }
 
     /// Applies fixes as long as each reduces the number of findings.

@@ -221,7 +221,7 @@ pub(super) fn hint(message: &str) -> Option<&'static str> {
     // Words that every version knows, in a place where they may not stand.
     let parts = ["body", "joint", "freejoint", "geom", "site", "inertial", "camera", "light"];
     let is_part = |part: &&str| message.contains(&format!("Element '{part}'"));
-    if message.contains("unrecognized element") && parts.iter().any(|part| is_part(&part)) {
+    if message.contains("unrecognized element") && parts.iter().any(is_part) {
         return Some(
             "; this element may not stand here: if the file is a part of a scene, import the file that includes it",
         );
