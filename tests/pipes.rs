@@ -82,6 +82,32 @@ fn a_fixed_clip_from_stdin_goes_to_stdout() {
 }
 
 #[test]
+fn models_come_from_stdin_and_pictures_go_to_stdout() {
+    let model = r#"<mujoco><worldbody><body><joint name=\"a\"/><geom size=\".1\"/></body></worldbody><actuator><motor joint=\"a\" ctrlrange=\"-1 1\"/></actuator></mujoco>"#;
+    for line in [
+        format!("echo \"{model}\" | robert import - --out arm --json"),
+        format!("robert import <(echo \"{model}\") --out arm --json"),
+    ] {
+        let report = succeeds(&line);
+        assert!(
+            report.contains(r#""action_dim":1"#) || report.contains(r#""action_dim": 1"#),
+            "{report}"
+        );
+    }
+    let (code, _, error) = bash("echo '<mujoco><body/></mujoco>' | robert import - --out arm");
+    assert_eq!(code, Some(3), "{error}");
+    assert!(error.contains("stdin") && !error.contains("scratch"), "{error}");
+
+    let file = "robert render hop.clip.json --kinematic --size 64x64 -o hop.png";
+    let same = format!(
+        "{file} >&2 && robert render - --kinematic --size 64x64 -o - < hop.clip.json | cmp - hop.png"
+    );
+    succeeds(&same);
+    let (code, _, error) = bash("robert render hop.clip.json --kinematic -o - --json");
+    assert_eq!(code, Some(2), "{error}");
+}
+
+#[test]
 fn stdin_holds_one_thing_and_stdout_too() {
     let twice = "robert clip apply - - < hop.clip.json";
     assert_eq!(bash(twice).0, Some(2));

@@ -4,18 +4,20 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use super::failure::{Failure, Outcome};
-use super::out;
+use super::{input, out};
 use crate::child::{self, Rights};
 use crate::limits;
 use crate::robot::check;
 use crate::robot::import::{Drives, ImportConfig, Report, Servos, import};
+use crate::scratch::Scratch;
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert import arm.urdf --out arm --package arm_description=../arm_description\n  robert import scene/hand.xml --root scene/.. --out hand\n  robert robots show ./arm"
+    after_help = "Examples:\n  robert import arm.urdf --out arm --package arm_description=../arm_description\n  robert import scene/hand.xml --root scene/.. --out hand\n  xacro arm.urdf.xacro | robert import - --out arm --package arm_description=../arm_description\n  robert robots show ./arm"
 )]
 pub(super) struct Args {
-    /// The model: URDF or MJCF, also of MuJoCo 3.
+    /// The model: URDF or MJCF, also of MuJoCo 3, or - for stdin. Of a model from stdin, only meshes
+    /// in a `--package` are found.
     file: PathBuf,
     /// The folder to make.
     #[arg(short, long)]
@@ -85,11 +87,30 @@ enum DriveFlag {
 pub(super) fn run(args: &Args) -> Outcome {
     // It reads foreign files; what it writes is a folder of its own.
     child::confine(&Rights { file_bytes: Some(limits::CHILD_FILE_BYTES), ..Rights::default() })?;
-    let report = import(&args.model.plan(&args.file, &args.out)?)?;
+    let report = if input::is_standard(&args.file) || input::is_pipe(&args.file) {
+        received(args)?
+    } else {
+        import(&args.model.plan(&args.file, &args.out)?)?
+    };
     if args.json {
         return out::json(&report);
     }
     print(&report)
+}
+
+/// Imports a model from stdin or a pipe. An import reads its file several times, so the text is kept in a
+/// file until the import has ended.
+fn received(args: &Args) -> Outcome<Report> {
+    let text = input::read(&args.file, limits::MODEL_BYTES)?;
+    let kept = Scratch::new()?;
+    let source = kept.path().join("stdin");
+    std::fs::write(&source, text)?;
+    import(&args.model.plan(&source, &args.out)?).map_err(|e| {
+        let failure = Failure::from(e);
+        // The user does not know the file.
+        let said = failure.sentence().replace(&source.display().to_string(), "stdin");
+        Failure::with(failure.exit(), said)
+    })
 }
 
 impl ModelFlags {

@@ -31,7 +31,8 @@ use crate::units::FPS;
 pub(super) struct Args {
     /// A clip file, a take (.mcap), or the name of a built-in task (`fire`).
     input: String,
-    /// The file to write: .png or .jpg (one picture), .mp4, .gif or .apng (a film).
+    /// The file to write: .png or .jpg (one picture), .mp4, .gif or .apng (a film), or - for a PNG
+    /// to stdout.
     #[arg(short, long, alias = "output")]
     out: PathBuf,
     /// Frames to draw: `40`, `0..100` or `10,20,30` [default: all for a film; for a still, the last
@@ -160,14 +161,20 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
             "unit": shots.iter().map(|s| s.motion().unit.as_str()).collect::<Vec<_>>(),
         }));
     }
-    out::line(&format!(
+    let said = format!(
         "{}: {pictures} frame{}, {}x{} px, {} kB",
         plan.out.display(),
         if pictures == 1 { "" } else { "s" },
         size.0,
         size.1,
         bytes.div_ceil(1000)
-    ))
+    );
+    if input::is_standard(&plan.out) {
+        out::aside(said)
+    } else {
+        return out::line(&said);
+    }
+    Ok(())
 }
 
 impl Args {
@@ -217,12 +224,18 @@ impl Plan {
     fn new(args: &Args) -> Outcome<Plan> {
         let film = FilmFormat::of(&args.out);
         let ending = encode::ending(&args.out);
-        if film.is_none() && !["png", "jpg", "jpeg"].contains(&ending.as_str()) {
+        let to_stdout = input::is_standard(&args.out);
+        if film.is_none() && !to_stdout && !["png", "jpg", "jpeg"].contains(&ending.as_str()) {
             return Err(Failure::usage(format!(
-                "unknown suffix of {}: use {}",
+                "unknown suffix of {}: use {}, or - for a PNG to stdout",
                 args.out.display(),
                 encode::ENDINGS
             )));
+        }
+        if to_stdout && args.json {
+            return Err(Failure::usage(
+                "the picture and the JSON report cannot both go to stdout: name a file with -o",
+            ));
         }
         if film.is_some() && args.strip.is_some() {
             return Err(Failure::usage("a strip is one picture: use the suffix .png or .jpg"));
@@ -240,7 +253,9 @@ impl Plan {
                 Failure::usage(format!("{e}: choose another --size, or the suffix .apng"))
             })?;
         }
-        fsio::writable(&args.out)?;
+        if !to_stdout {
+            fsio::writable(&args.out)?;
+        }
         let quality = match args.quality {
             QualityArg::Preview => Quality::Preview,
             QualityArg::Export => Quality::Export,
@@ -484,8 +499,14 @@ fn still(plan: &Plan, frames: &[usize], draw: Draw<'_>) -> Outcome<Done> {
     }
     let Some(strip) = strip else { return Err(Failure::usage("no frames to draw")) };
     let picture = strip.finish();
-    encode::save(&picture, &plan.out)?;
-    let bytes = std::fs::metadata(&plan.out)?.len();
+    let bytes = if input::is_standard(&plan.out) {
+        let png = encode::png(&picture)?;
+        out::bytes(&png)?;
+        png.len() as u64
+    } else {
+        encode::save(&picture, &plan.out)?;
+        std::fs::metadata(&plan.out)?.len()
+    };
     Ok((frames.len() as u64, bytes, (picture.width, picture.height)))
 }
 

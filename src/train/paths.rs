@@ -40,6 +40,10 @@ pub fn meta(dir: &Path) -> PathBuf {
 /// [`Error::Files`], [`Error::Run`].
 pub fn read_config(dir: &Path) -> Result<TrainConfig, Error> {
     let path = config(dir);
+    if !path.exists() {
+        let why = "there is no run here, because a run has a config.toml".to_owned();
+        return Err(Error::Run { why, path: dir.to_owned() });
+    }
     let bytes = fsio::read_capped(&path, limits::RUN_BYTES)?;
     let text = String::from_utf8_lossy(&bytes);
     let cfg: TrainConfig = toml::from_str(&text)
