@@ -94,9 +94,26 @@ fn models_come_from_stdin_and_pictures_go_to_stdout() {
             "{report}"
         );
     }
+    // Meshes are found as if the model lay in the current folder.
+    let tetrahedron = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
+    let meshed = model
+        .replace("<worldbody>", r#"<asset><mesh name=\"m\" file=\"m.obj\"/></asset><worldbody>"#)
+        .replace(r#"size=\".1\""#, r#"type=\"mesh\" mesh=\"m\""#);
+    let line = format!(
+        "printf '{tetrahedron}' > m.obj; echo \"{meshed}\" | robert import - --out arm --json"
+    );
+    assert!(succeeds(&line).contains(r#""files":"#));
+    let (code, _, error) = bash(&format!("echo \"{meshed}\" | robert import - --out arm; ls -A"));
+    assert_eq!(code, Some(0), "{error}");
+    assert!(error.contains("m.obj") && error.contains("stdin"), "{error}");
+    assert!(!error.contains(".robert-tmp"), "{error}");
+
     let (code, _, error) = bash("echo '<mujoco><body/></mujoco>' | robert import - --out arm");
     assert_eq!(code, Some(3), "{error}");
-    assert!(error.contains("stdin") && !error.contains("scratch"), "{error}");
+    assert!(error.contains("stdin") && !error.contains(".robert-tmp"), "{error}");
+    let (code, _, error) = bash(&format!("echo \"{model}\" | robert new - --out arm"));
+    assert_eq!(code, Some(2), "{error}");
+    assert!(error.contains("robert import -"), "{error}");
 
     let file = "robert render hop.clip.json --kinematic --size 64x64 -o hop.png";
     let same = format!(

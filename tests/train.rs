@@ -124,6 +124,14 @@ fn kills() -> u64 {
 }
 
 #[test]
+fn a_run_that_is_not_there_cannot_go_on() {
+    let dir = tempfile::tempdir().unwrap();
+    let (code, _, stderr) = call(dir.path(), &["train", "--resume", "runs/none"]);
+    assert_eq!(code, 3, "{stderr}");
+    assert!(stderr.contains("there is no run here") && stderr.contains("runs/none"), "{stderr}");
+}
+
+#[test]
 fn killed_at_any_step_and_resumed_gives_the_same_file() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();

@@ -1,12 +1,12 @@
-"""Measures whether the history of positions tells that links touch, and whether that helps to infer the torque.
+"""Measures whether the history of positions tells that links touch, and whether it helps to infer the action.
 
     script/python --setup                          # once: an environment with numpy
     robert collect --robot shadow_hand --agent babble --transitions 200000 --seed 7 --out data/probe
-    target/python/bin/python script/probes/contact.py data/probe --out results/contact-probe.json
+    target/python/bin/python script/probes/contact.py data/probe --out results/contact
 
-Small networks (two hidden layers of 128) see the pose alone, two poses, or the 31 of the paper's window, some with the
-actions that were applied. They predict whether links touch in the last state, and which action led to the next state.
-Every fifth episode is held out. Each network is trained with three seeds; the table has mean and range.
+Small networks with two hidden layers, and linear regressions, see one pose, two, or the 31 of a policy's window, some
+with the actions that were applied. They say whether links touch in the last of these states, or which action led to
+the state after it. Every fifth trajectory is held out. Figures are means over the seeds, with their range in brackets.
 """
 
 import argparse
@@ -14,40 +14,33 @@ import json
 import pathlib
 
 import numpy as np
-
 import shards
 
 PAST = 30  # frames of history before the current one
-HIDDEN, BATCH, EPOCHS, RATE = 128, 512, 6, 1e-3
-SEEDS = (1, 2, 3)
+BATCH, RATE = 512, 1e-3
 
 
 class Windows:
-    """Windows of PAST + 1 states, the action that follows, the state after it, and touch at both ends."""
+    """PAST + 1 states each, the action that follows, the state after it, and touch in the last two states."""
 
     def __init__(self, folder):
-        past, pose, acted, after, action, touch, later, held = [], [], [], [], [], [], [], []
+        names = ["past", "pose", "acted", "after", "action", "touch", "later", "held"]
+        rows = {name: [] for name in names}
         for number, episode in enumerate(shards.episodes(folder)):
             q, u, c = (episode[k] for k in ("qpos", "ctrl", "self_contact"))
-            # Touch of frame t is that of state t + 1.
-            for t in range(PAST, len(q) - 1, 3):
-                past.append(q[t - PAST:t])
-                pose.append(q[t])
-                acted.append(u[t - PAST:t])
-                after.append(q[t + 1])
-                action.append(u[t])
-                touch.append(c[t - 1])
-                later.append(c[t])
-                held.append(number % 5 == 0)
-        if not pose:
-            raise SystemExit(f"error: {folder} has no episode of more than {PAST + 1} frames")
-        stack = lambda rows: np.asarray(rows, np.float32)  # noqa: E731
-        self.past, self.pose, self.acted, self.after = map(stack, (past, pose, acted, after))
-        self.action, self.touch, self.later = map(stack, (action, touch, later))
-        self.held = np.array(held)
+            # Action t leads from state t to state t + 1; touch t is that of state t + 1.
+            for t in range(PAST, len(q) - 1, 2):
+                found = q[t - PAST:t], q[t], u[t - PAST:t], q[t + 1], u[t], c[t - 1], c[t], number % 5 == 0
+                for name, value in zip(names, found):
+                    rows[name].append(value)
+        if not rows["pose"]:
+            raise SystemExit(f"error: {folder} has no trajectory of more than {PAST + 1} frames")
+        self.held = np.array(rows.pop("held"))
+        for name, values in rows.items():
+            setattr(self, name, np.asarray(values, np.float32))
 
     def inputs(self, history, acted=False, after=False, flag=False):
-        """Columns: the pose, differences to `history` earlier poses, actions, the next step, the touch at its end."""
+        """The pose, the differences to `history` earlier ones, actions, the next difference, touch at its end."""
         n = len(self.pose)
         columns = [self.pose]
         # Differences, because one frame changes a pose by little of its range.
@@ -60,22 +53,27 @@ class Windows:
             columns.append(self.after - self.pose)
         if flag:
             columns.append(self.later[:, None])
-        return np.concatenate(columns, 1)
+        return self.scaled(np.concatenate(columns, 1))
+
+    def scaled(self, x):
+        """With mean 0 and deviation 1 over the windows that are learned from."""
+        mean, spread = x[~self.held].mean(0), x[~self.held].std(0)
+        return (x - mean) / np.maximum(spread, 1e-6)
 
 
 class Network:
-    """Two hidden layers, trained with Adam; `outputs` are logits or values."""
+    """Two hidden layers, trained with Adam and a cosine schedule."""
 
-    def __init__(self, seed, inputs, outputs):
+    def __init__(self, seed, inputs, hidden, outputs):
         self.rng = np.random.default_rng(seed)
-        sizes = [inputs, HIDDEN, HIDDEN, outputs]
+        sizes = [inputs, hidden, hidden, outputs]
         self.w = [self.rng.normal(0, np.sqrt(2 / a), (a, b)).astype(np.float32) for a, b in zip(sizes, sizes[1:])]
         self.w += [np.zeros(b, np.float32) for b in sizes[1:]]
         self.m = [np.zeros_like(w) for w in self.w]
         self.v = [np.zeros_like(w) for w in self.w]
         self.step = 0
 
-    def forward(self, x):
+    def layers(self, x):
         layers = [x]
         for i in range(3):
             x = layers[-1] @ self.w[i] + self.w[3 + i]
@@ -84,7 +82,7 @@ class Network:
 
     def learn(self, x, y, wrong, rate):
         """One step on a batch; `wrong` is the gradient of the loss by the outputs."""
-        layers = self.forward(x)
+        layers = self.layers(x)
         slope = wrong(layers[-1], y) / len(x)
         grads = [None] * 6
         for i in (2, 1, 0):
@@ -97,27 +95,72 @@ class Network:
             v += 0.001 * (g * g - v)
             w -= rate * (m / (1 - 0.9**self.step)) / (np.sqrt(v / (1 - 0.999**self.step)) + 1e-8)
 
-    def fit(self, x, y, wrong):
+    def fit(self, x, y, wrong, epochs):
         batches = len(x) // BATCH
-        for epoch in range(EPOCHS):
+        for epoch in range(epochs):
             order = self.rng.permutation(len(x))
             for b in range(batches):
                 rows = order[b * BATCH:(b + 1) * BATCH]
-                rate = RATE * 0.5 * (1 + np.cos(np.pi * (epoch * batches + b) / (EPOCHS * batches)))
+                rate = RATE * 0.5 * (1 + np.cos(np.pi * (epoch * batches + b) / (epochs * batches)))
                 self.learn(x[rows], y[rows], wrong, rate)
         return self
 
-    def predict(self, x):
-        return self.forward(x)[-1]
+
+class Probe:
+    """What can be learned from columns of the windows."""
+
+    def __init__(self, data, options):
+        self.data, self.options = data, options
+
+    def networks(self, x, y, wrong):
+        """Answers for the held-out windows, one seed after another."""
+        held, o = self.data.held, self.options
+        for seed in range(1, o.seeds + 1):
+            network = Network(seed, x.shape[1], o.hidden, y.shape[1])
+            yield network.fit(x[~held], y[~held], wrong, o.epochs).layers(x[held])[-1]
+
+    def touch(self, words, **columns):
+        """Whether links touch in the last state: share of right answers, area under the ROC curve."""
+        truth = self.data.touch[self.data.held]
+        wrong = lambda out, want: 1 / (1 + np.exp(-out)) - want  # noqa: E731
+        scores = [s[:, 0] for s in self.networks(self.data.inputs(**columns), self.data.touch[:, None], wrong)]
+        right = [100 * np.mean((s > 0) == (truth > 0)) for s in scores]
+        return [words, with_range(right, ".1f"), with_range([area(s, truth) for s in scores], ".2f")]
+
+    def always(self):
+        """The same for the more frequent answer."""
+        share = 100 * self.data.touch[self.data.held].mean()
+        return ["nothing: always the more frequent answer", f"{max(share, 100 - share):.1f}", ".50"]
+
+    def action(self, words, **columns):
+        """Error of the action that leads to the state after, by a linear regression and by networks."""
+        data, held = self.data, self.data.held
+        x = data.inputs(after=True, **columns)
+        mean, spread = data.action[~held].mean(0), data.action[~held].std(0)
+        y = (data.action - mean) / spread
+        gram = x[~held].T.astype(float) @ x[~held]
+        weights = np.linalg.solve(gram + 1e-3 * len(x) * np.eye(len(gram)), x[~held].T.astype(float) @ y[~held])
+        linear = [self.errors(mean + spread * (x[held] @ weights))]
+        learned = [self.errors(mean + spread * out) for out in self.networks(x, y, lambda out, want: out - want)]
+        return [words, *self.cells(linear), *self.cells(learned)]
+
+    def constant(self, words, answer):
+        """The same for an answer that looks at no state."""
+        return [words, *self.cells([self.errors(answer[self.data.held])]), "", ""]
+
+    def errors(self, answer):
+        """Mean absolute error in frames that end free and in frames that end with touch."""
+        error = np.abs(answer - self.data.action[self.data.held]).mean(1)
+        touching = self.data.later[self.data.held] > 0
+        return error[~touching].mean(), error[touching].mean()
+
+    @staticmethod
+    def cells(errors):
+        return [with_range(column, ".3f") for column in zip(*errors)]
 
 
-def scaled(x, held):
-    mean, spread = x[~held].mean(0), x[~held].std(0)
-    return (x - mean) / np.maximum(spread, 1e-6)
-
-
-def auc(score, truth):
-    """Probability that a frame with touch has the higher score of a random pair."""
+def area(score, truth):
+    """Probability that of a random window with touch and one without the first has the higher score."""
     order = np.argsort(score, kind="stable")
     ranks = np.empty(len(score))
     ranks[order] = np.arange(1, len(score) + 1)
@@ -125,81 +168,68 @@ def auc(score, truth):
     return (ranks[truth > 0].sum() - n * (n + 1) / 2) / (n * (len(truth) - n))
 
 
-def touch_row(data, words, **columns):
-    """How well touch in the last state is told from the columns."""
-    x, y, held = scaled(data.inputs(**columns), data.held), data.touch[:, None], data.held
-    wrong = lambda out, want: 1 / (1 + np.exp(-out)) - want  # noqa: E731
-    right, areas = [], []
-    for seed in SEEDS:
-        score = Network(seed, x.shape[1], 1).fit(x[~held], y[~held], wrong).predict(x[held])[:, 0]
-        right.append(np.mean((score > 0) == (data.touch[held] > 0)))
-        areas.append(auc(score, data.touch[held]))
-    return [words, percent(right), spread(areas), "", ""]
-
-
-def action_row(data, words, **columns):
-    """How well the action is inferred from the columns and the state after it."""
-    x, y, held = scaled(data.inputs(after=True, **columns), data.held), data.action, data.held
-    wrong = lambda out, want: out - want  # noqa: E731
-    free, touching = [], []
-    for seed in SEEDS:
-        out = Network(seed, x.shape[1], y.shape[1]).fit(x[~held], y[~held], wrong).predict(x[held])
-        error = np.abs(out - y[held]).mean(1)
-        free.append(error[data.later[held] == 0].mean())
-        touching.append(error[data.later[held] > 0].mean())
-    return [words, "", "", spread(free), spread(touching)]
-
-
-def short(x):
-    return f"{x:.3f}".lstrip("0")
-
-
-def spread(values):
+def with_range(values, form):
+    short = lambda x: format(x, form).removeprefix("0")  # noqa: E731
+    if len(values) == 1:
+        return short(values[0])
     return f"{short(np.mean(values))} ({short(min(values))} to {short(max(values))})"
 
 
-def percent(values):
-    return f"{100 * np.mean(values):.1f} % ({100 * min(values):.1f} to {100 * max(values):.1f})"
+def table(probe, kind):
+    """Head and rows of one of the two tables."""
+    data = probe.data
+    if kind == "touch":
+        yield ["a network sees", "right answers, %", "area under the ROC curve"]
+        yield probe.always()
+        yield probe.touch("the pose", history=0)
+        yield probe.touch("two poses", history=1)
+        yield probe.touch("31 poses", history=PAST)
+        yield probe.touch("31 poses and the 30 actions between them", history=PAST, acted=True)
+    else:
+        yield ["seen beside the next pose", "linear, free", "linear, touch", "network, free", "network, touch"]
+        mean = np.broadcast_to(data.action[~data.held].mean(0), data.action.shape)
+        yield probe.constant("nothing, not even that: the mean action", mean)
+        yield probe.constant("only the last action: the same again", data.acted[:, -1])
+        yield probe.action("the pose", history=0)
+        yield probe.action("two poses", history=1)
+        yield probe.action("31 poses", history=PAST)
+        yield probe.action("31 poses and whether links touch in the next one", history=PAST, flag=True)
+        yield probe.action("31 poses and the 30 actions between them", history=PAST, acted=True)
 
 
 def main():
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("data", help="a folder that `robert collect` made")
-    p.add_argument("--out", help="also write the table into this file of results/")
+    p.add_argument("--hidden", type=int, default=256, help="width of both hidden layers")
+    p.add_argument("--epochs", type=int, default=10, help="passes over the windows")
+    p.add_argument("--seeds", type=int, default=3, help="networks for each row")
+    p.add_argument("--out", help="also write the two tables into files with this beginning, in results/")
     p.add_argument("--commit", default="", help="the commit of the program that recorded the data")
     args = p.parse_args()
     data = Windows(args.data)
     print(f"{len(data.pose)} windows, {data.held.sum()} held out, links touch in {100 * data.touch.mean():.1f} %")
 
-    rows = []
-    for make, words, columns in [
-        (touch_row, "the pose", dict(history=0)),
-        (touch_row, "the pose and the one before", dict(history=1)),
-        (touch_row, "31 poses", dict(history=PAST)),
-        (touch_row, "31 poses and the 30 actions between them", dict(history=PAST, acted=True)),
-        (action_row, "the pose and the one after", dict(history=0)),
-        (action_row, "one before, the pose, the one after", dict(history=1)),
-        (action_row, "31 poses and the one after", dict(history=PAST)),
-        (action_row, "the same with the 30 actions", dict(history=PAST, acted=True)),
-        (action_row, "31 poses, the one after, and whether links touch", dict(history=PAST, flag=True)),
-    ]:
-        rows.append(make(data, words, **columns))
-        print(" | ".join(rows[-1]), flush=True)
-    if args.out:
-        record = {
-            "name": pathlib.Path(args.out).stem,
-            "kind": "noted",
-            "why": "whether the history of positions tells contact",
-            "commit": args.commit,
-            "commands": [
-                "robert collect --robot shadow_hand --agent babble --transitions 200000 --seed 7 --out data/probe",
-                "target/python/bin/python script/probes/contact.py data/probe --out results/contact-probe.json",
-            ],
-            "head": ["a small network sees", "says rightly whether links touch", "area under its ROC curve",
-                     "error of the action, free", "error of the action, links touch"],
-            "rows": rows,
-        }
-        pathlib.Path(args.out).write_text(json.dumps(record, indent=1) + "\n")
+    why = {
+        "touch": "whether the history of positions tells that links touch",
+        "action": "whether it helps to infer the action; mean absolute error, actions from -1 to 1",
+    }
+    for kind, reason in why.items():
+        rows = []
+        for row in table(Probe(data, args), kind):
+            rows.append(row)
+            print(" | ".join(row), flush=True)
+        if args.out:
+            path = pathlib.Path(f"{args.out}-{kind}.json")
+            options = f"--hidden {args.hidden} --epochs {args.epochs} --seeds {args.seeds} --out {args.out}"
+            record = {
+                "name": path.stem, "kind": "noted", "why": reason, "commit": args.commit,
+                "commands": [
+                    shards.command(args.data),
+                    f"target/python/bin/python script/probes/contact.py data/probe {options}",
+                ],
+                "head": rows[0], "rows": rows[1:],
+            }
+            path.write_text(json.dumps(record, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -1,14 +1,14 @@
-"""Measures how much nearer than a cubic spline the best linear interpolation is to hidden frames of recorded motion.
+"""Measures how much nearer than a cubic spline a learned linear interpolation is to hidden frames of recorded motion.
 
     script/python --setup                          # once: an environment with numpy
     robert collect --robot ur5e --agent noise --transitions 100000 --seed 7 --out data/cubic-ur5e
     target/python/bin/python script/probes/hidden.py data/cubic-ur5e … --out results/hidden-probe.json
 
-A quarter or half of 79 frames is hidden at random in each of 60 held-out trajectories of 111 frames, as in the `test`
-suites. A natural cubic spline passes through the visible frames. The best linear interpolation knows how the speed of
-each joint is correlated over time in four fifths of the trajectories: it is the mean of a Gaussian process with these
-correlations, given the visible frames. Its regularisation is the one that comes nearest to the hidden frames, which
-favours it.
+A quarter or half of 79 frames is hidden at random in 60 pieces of 111 frames of held-out trajectories, as in the `test`
+suites (which are other pieces). A natural cubic spline passes through the visible frames. A linear interpolation, joint
+by joint, learned from four fifths of the trajectories how the speed of a joint at one time goes with its speed at
+another: it is the mean of a Gaussian process with these covariances, given the visible frames. Of eight strengths of
+regularisation it has the one that comes nearest to the hidden frames, which favours it.
 """
 
 import argparse
@@ -16,11 +16,10 @@ import json
 import pathlib
 
 import numpy as np
-
 import shards
 
-FRAMES, FIRST, LAST = 111, 31, 110  # of a trajectory; hidden frames are in FIRST..LAST
-TASKS = 60
+FRAMES, FIRST, LAST = 111, 31, 110  # of a piece; hidden frames are in FIRST..LAST
+PIECES = 60
 NOISE = [1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2]
 
 
@@ -39,10 +38,10 @@ def spline(seen, values, wanted):
     return ends + bend[i] * (right**3 / width - width * right) / 6 + bend[i + 1] * (left**3 / width - width * left) / 6
 
 
-def correlation(training):
+def covariance_of_steps(training):
     """Mean product of a joint's steps that lie k frames apart, (FRAMES - 1, S)."""
-    total, count = 0, np.zeros((FRAMES - 1, 1))
     total = np.zeros((FRAMES - 1, training[0].shape[1]))
+    count = np.zeros((FRAMES - 1, 1))
     for states in training:
         step = np.diff(states, axis=0)
         for k in range(min(FRAMES - 1, len(step))):
@@ -51,8 +50,8 @@ def correlation(training):
     return total / count
 
 
-def covariances(lagged):
-    """Covariance of the positions of each joint, (S, FRAMES, FRAMES); where a trajectory is, is nearly unknown."""
+def covariance_of_positions(lagged):
+    """Covariance of the positions of each joint, (S, FRAMES, FRAMES); where a piece begins, is nearly unknown."""
     frames = np.arange(FRAMES - 1)
     steps = lagged[np.abs(frames[:, None] - frames)].transpose(2, 0, 1)
     sums = np.tril(np.ones((FRAMES, FRAMES - 1)), -1)
@@ -70,23 +69,23 @@ def process(covariance, noise, seen, values, wanted):
     return np.array(out).T
 
 
-def ratio(folder, hidden):
-    """Error of the process on hidden frames divided by that of the spline, means of the tasks and their median."""
+def ratios(folder, hidden):
+    """Error of the process on hidden frames divided by that of the spline: mean over the pieces, and of all together."""
     motion = [e["qpos"].astype(float) for e in shards.episodes(folder)]
-    training = [q for i, q in enumerate(motion) if i % 5]
-    tasks = [q[:FRAMES] for i, q in enumerate(motion) if i % 5 == 0 and len(q) >= FRAMES][:TASKS]
-    covariance = covariances(correlation(training))
+    covariance = covariance_of_positions(covariance_of_steps([q for i, q in enumerate(motion) if i % 5]))
+    held = [q for i, q in enumerate(motion) if i % 5 == 0 and len(q) >= FRAMES][:PIECES]
     rng = np.random.default_rng(0)
-    errors, cubic = np.zeros((len(tasks), len(NOISE))), np.zeros(len(tasks))
-    for i, states in enumerate(tasks):
+    errors, cubic = np.zeros((len(held), len(NOISE))), np.zeros(len(held))
+    for i, states in enumerate(held):
+        begin = rng.integers(len(states) - FRAMES + 1)
+        piece = states[begin:begin + FRAMES]
         wanted = np.sort(FIRST + rng.choice(LAST - FIRST, hidden, replace=False))
         seen = np.setdiff1d(np.arange(FRAMES), wanted)
-        truth = states[wanted]
-        cubic[i] = np.abs(spline(seen, states[seen], wanted) - truth).mean()
+        cubic[i] = np.abs(spline(seen, piece[seen], wanted) - piece[wanted]).mean()
         for n, noise in enumerate(NOISE):
-            errors[i, n] = np.abs(process(covariance, noise, seen, states[seen], wanted) - truth).mean()
+            errors[i, n] = np.abs(process(covariance, noise, seen, piece[seen], wanted) - piece[wanted]).mean()
     best = errors.mean(0).argmin()
-    return errors[:, best].mean() / cubic.mean(), np.median(errors[:, best] / cubic)
+    return (errors[:, best] / cubic).mean(), errors[:, best].mean() / cubic.mean()
 
 
 def main():
@@ -97,19 +96,22 @@ def main():
     args = p.parse_args()
     rows = []
     for folder in args.data:
-        robot = json.loads((pathlib.Path(folder) / "manifest.json").read_text())["robot"]["id"]
+        robot = shards.robot(folder)
         for words, hidden in [("a quarter", 20), ("half", 40)]:
-            mean, median = ratio(folder, hidden)
-            rows.append([f"`{robot}`, {words} hidden", f"{mean:.2f}", f"{median:.2f}"])
+            mean, together = ratios(folder, hidden)
+            rows.append([f"`{robot}`, {words} hidden", f"{mean:.2f}", f"{together:.2f}"])
             print(" | ".join(rows[-1]), flush=True)
     if args.out:
         record = {
             "name": pathlib.Path(args.out).stem,
             "kind": "noted",
-            "why": "how much nearer than a cubic spline the best linear interpolation is to hidden frames",
+            "why": "how much nearer than a cubic spline a learned linear interpolation is to hidden frames",
             "commit": args.commit,
-            "commands": [f"target/python/bin/python script/probes/hidden.py {' '.join(args.data)} --out {args.out}"],
-            "head": ["error of the best linear interpolation / of the spline", "mean", "median of the tasks"],
+            "commands": [
+                *map(shards.command, args.data),
+                f"target/python/bin/python script/probes/hidden.py {' '.join(args.data)} --out {args.out}",
+            ],
+            "head": ["error of the learned interpolation / of the spline", "mean of the pieces", "all pieces together"],
             "rows": rows,
         }
         pathlib.Path(args.out).write_text(json.dumps(record, indent=1) + "\n")

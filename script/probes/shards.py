@@ -29,3 +29,20 @@ def episodes(folder):
         offsets = data["episode_offsets"]
         for first, end in zip(offsets[:-1], offsets[1:]):
             yield {name: data[name][first:end] for name in ("qpos", "ctrl", "self_contact")}
+
+
+def request(folder):
+    return json.loads((pathlib.Path(folder) / "collect.json").read_text())
+
+
+def robot(folder):
+    """The id of the robot that moved."""
+    return request(folder)["robot"]
+
+
+def command(folder):
+    """The command that recorded the folder."""
+    config = request(folder)["config"]
+    agents = ",".join(config["agents"])
+    return (f"robert collect --robot {robot(folder)} --agent {agents} --transitions {config['transitions']}"
+            f" --seed {config['seed']} --out {folder}")

@@ -6,18 +6,19 @@ use std::path::{Path, PathBuf};
 use super::failure::{Failure, Outcome};
 use super::{input, out};
 use crate::child::{self, Rights};
+use crate::exit::Exit;
+use crate::fsio;
 use crate::limits;
 use crate::robot::check;
 use crate::robot::import::{Drives, ImportConfig, Report, Servos, import};
-use crate::scratch::Scratch;
 
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  robert import arm.urdf --out arm --package arm_description=../arm_description\n  robert import scene/hand.xml --root scene/.. --out hand\n  xacro arm.urdf.xacro | robert import - --out arm --package arm_description=../arm_description\n  robert robots show ./arm"
 )]
 pub(super) struct Args {
-    /// The model: URDF or MJCF, also of MuJoCo 3, or - for stdin. Of a model from stdin, only meshes
-    /// in a `--package` are found.
+    /// The model: URDF or MJCF, also of MuJoCo 3, or - for stdin, read as if it lay in the current
+    /// folder.
     file: PathBuf,
     /// The folder to make.
     #[arg(short, long)]
@@ -98,17 +99,27 @@ pub(super) fn run(args: &Args) -> Outcome {
     print(&report)
 }
 
-/// Imports a model from stdin or a pipe. An import reads its file several times, so the text is kept in a
-/// file until the import has ended.
+/// Imports a model from stdin or a pipe, as if it lay in the current folder, or in the one that `--root` names. An
+/// import reads its file several times, so a hidden file has the text until the import has ended.
 fn received(args: &Args) -> Outcome<Report> {
     let text = input::read(&args.file, limits::MODEL_BYTES)?;
-    let kept = Scratch::new()?;
-    let source = kept.path().join("stdin");
-    std::fs::write(&source, text)?;
-    import(&args.model.plan(&source, &args.out)?).map_err(|e| {
+    let folder = args.model.root.as_deref().unwrap_or(Path::new("."));
+    let kept = tempfile::Builder::new().prefix(fsio::TEMPORARY).tempfile_in(folder);
+    let kept = kept.and_then(|file| std::fs::write(file.path(), text).map(|()| file));
+    let kept = kept.map_err(|e| {
+        let folder = folder.display();
+        Failure::with(
+            Exit::Failed,
+            format!("cannot keep the model in {folder} while it is read: {e}"),
+        )
+    })?;
+    let name = input::place(&args.file).display().to_string();
+    let mut plan = args.model.plan(kept.path(), &args.out)?;
+    plan.source_name = Some(name.clone());
+    import(&plan).map_err(|e| {
         let failure = Failure::from(e);
         // The user does not know the file.
-        let said = failure.sentence().replace(&source.display().to_string(), "stdin");
+        let said = failure.sentence().replace(&kept.path().display().to_string(), &name);
         Failure::with(failure.exit(), said)
     })
 }

@@ -18,7 +18,7 @@ use super::failure::{Failure, Outcome};
 use super::global::Global;
 use super::import::ModelFlags;
 use super::interrupt::cancel_on_ctrl_c;
-use super::{motion, out};
+use super::{input, motion, out};
 use crate::clip::compile;
 use crate::dataset::{Dataset, Verify};
 use crate::explore::{CollectConfig, begun, collect};
@@ -129,6 +129,11 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
     let minutes = args.minutes;
     if !(0.0..=MOST_MINUTES).contains(&minutes) {
         return Err(Failure::usage(format!("--minutes takes 0 to {MOST_MINUTES}, not {minutes}")));
+    }
+    if input::is_standard(&args.file) || input::is_pipe(&args.file) {
+        return Err(Failure::usage(
+            "robert new reads its file again when it goes on: import the model with robert import - first, and name the robot's folder here",
+        ));
     }
     let preset = TrainConfig::preset(&args.preset)?;
     let begin = Instant::now();

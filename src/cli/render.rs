@@ -26,10 +26,10 @@ use crate::units::FPS;
 
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  robert render wave.clip.json -o wave.mp4\n  robert render wave.mcap -o wave.mp4                  a take\n  robert render fire --policy pd -o fire.gif --size 320x240\n  robert render wave.clip.json -o still.png --frames 40 --size 1280x720\n  robert render wave.clip.json -o strip.png --strip 6\n  robert render wave.clip.json -o both.gif --compare other.clip.json --overlay ghost,caption\n  robert render fire --policy robert -o both.mp4 --compare fire --compare-policy pd\n  robert render wave.clip.json -o preview.mp4 --kinematic --camera orbit"
+    after_help = "Examples:\n  robert render wave.clip.json -o wave.mp4\n  robert render wave.mcap -o wave.mp4                  a take\n  robert render fire --policy pd -o fire.gif --size 320x240\n  robert render wave.clip.json -o still.png --frames 40 --size 1280x720\n  robert render wave.clip.json -o strip.png --strip 6\n  robert render wave.clip.json -o both.gif --compare other.clip.json --overlay ghost,caption\n  robert render fire --policy robert -o both.mp4 --compare fire --compare-policy pd\n  robert render wave.clip.json -o preview.mp4 --kinematic --camera orbit\n  robert clip fmt - < wave.clip.json | robert render - -o - > still.png"
 )]
 pub(super) struct Args {
-    /// A clip file, a take (.mcap), or the name of a built-in task (`fire`).
+    /// A clip file, a take (.mcap), the name of a built-in task (`fire`), or - for stdin.
     input: String,
     /// The file to write: .png or .jpg (one picture), .mp4, .gif or .apng (a film), or - for a PNG
     /// to stdout.
@@ -161,20 +161,17 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
             "unit": shots.iter().map(|s| s.motion().unit.as_str()).collect::<Vec<_>>(),
         }));
     }
+    let to_stdout = input::is_standard(&plan.out);
+    let written = if to_stdout { Path::new("stdout") } else { &plan.out };
     let said = format!(
         "{}: {pictures} frame{}, {}x{} px, {} kB",
-        plan.out.display(),
+        written.display(),
         if pictures == 1 { "" } else { "s" },
         size.0,
         size.1,
         bytes.div_ceil(1000)
     );
-    if input::is_standard(&plan.out) {
-        out::aside(said)
-    } else {
-        return out::line(&said);
-    }
-    Ok(())
+    input::say(to_stdout, &said)
 }
 
 impl Args {

@@ -40,8 +40,8 @@ pub fn meta(dir: &Path) -> PathBuf {
 /// [`Error::Files`], [`Error::Run`].
 pub fn read_config(dir: &Path) -> Result<TrainConfig, Error> {
     let path = config(dir);
-    if !path.exists() {
-        let why = "there is no run here, because a run has a config.toml".to_owned();
+    if path.try_exists().is_ok_and(|there| !there) {
+        let why = "there is no run here; name a folder that robert train --out has made".to_owned();
         return Err(Error::Run { why, path: dir.to_owned() });
     }
     let bytes = fsio::read_capped(&path, limits::RUN_BYTES)?;

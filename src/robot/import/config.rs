@@ -10,6 +10,8 @@ use serde::Serialize;
 pub struct ImportConfig {
     /// The URDF or MJCF file.
     pub source: PathBuf,
+    /// Its name in the robot's description; by default that of the file.
+    pub source_name: Option<String>,
     /// The folder to make; it must not exist yet, or be empty.
     pub out: PathBuf,
     /// The folder that must contain all includes and meshes; by default the source's own.
@@ -49,6 +51,7 @@ impl ImportConfig {
     ) -> ImportConfig {
         ImportConfig {
             source: source.into(),
+            source_name: None,
             out: out.into(),
             root: None,
             packages: BTreeMap::new(),

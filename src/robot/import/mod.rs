@@ -350,10 +350,9 @@ fn describe(
 ) -> Result<String, Error> {
     let mut p = derive::derive(model, id, &config.source)?;
     p.title.clone_from(&draft.title);
-    p.about = format!(
-        "Imported from {}.",
-        config.source.file_name().map(|n| n.to_string_lossy()).unwrap_or_default()
-    );
+    let name = || config.source.file_name().map(|n| n.to_string_lossy().into_owned());
+    let name = config.source_name.clone().or_else(name).unwrap_or_default();
+    p.about = format!("Imported from {name}.");
     "see the source".clone_into(&mut p.licence);
     speeds(&mut p.joints, draft, model)?;
     p.physics.discard_visual = fix::weightless_visuals(&draft.xml, &draft.assets, model);
