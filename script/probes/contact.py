@@ -225,7 +225,7 @@ def main():
                 "name": path.stem, "kind": "noted", "why": reason, "commit": args.commit,
                 "commands": [
                     shards.command(args.data),
-                    f"target/python/bin/python script/probes/contact.py data/probe {options}",
+                    f"target/python/bin/python script/probes/contact.py {args.data} {options}",
                 ],
                 "head": rows[0], "rows": rows[1:],
             }

@@ -74,6 +74,8 @@ def ratios(folder, hidden):
     motion = [e["qpos"].astype(float) for e in shards.episodes(folder)]
     covariance = covariance_of_positions(covariance_of_steps([q for i, q in enumerate(motion) if i % 5]))
     held = [q for i, q in enumerate(motion) if i % 5 == 0 and len(q) >= FRAMES][:PIECES]
+    if not held:
+        raise SystemExit(f"error: {folder} has no held-out trajectory of {FRAMES} frames; collect more")
     rng = np.random.default_rng(0)
     errors, cubic = np.zeros((len(held), len(NOISE))), np.zeros(len(held))
     for i, states in enumerate(held):

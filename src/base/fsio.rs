@@ -106,6 +106,17 @@ fn temporary(dir: &Path, old: Option<&Metadata>) -> io::Result<tempfile::NamedTe
     Ok(temp)
 }
 
+/// A file in `dir` with these bytes, which is removed on drop.
+///
+/// # Errors
+/// The error of the operating system, without the file's name.
+pub fn temporary_with(dir: &Path, bytes: &[u8]) -> io::Result<tempfile::NamedTempFile> {
+    sweep_once(dir);
+    let temp = temporary(dir, None)?;
+    temp.as_file().write_all(bytes)?;
+    Ok(temp)
+}
+
 /// The prefix of the names of temporary files and folders. What bears it may be removed without a
 /// question, so nobody else would choose it: `.robert-config` may well be somebody's own.
 pub const TEMPORARY: &str = ".robert-tmp-";

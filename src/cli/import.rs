@@ -99,19 +99,13 @@ pub(super) fn run(args: &Args) -> Outcome {
     print(&report)
 }
 
-/// Imports a model from stdin or a pipe, as if it lay in the current folder, or in the one that `--root` names. An
-/// import reads its file several times, so a hidden file has the text until the import has ended.
+/// Imports a model from stdin or a pipe, as if it lay in the current folder. An import reads its file several times, so
+/// a hidden file has the text until the import has ended.
 fn received(args: &Args) -> Outcome<Report> {
     let text = input::read(&args.file, limits::MODEL_BYTES)?;
-    let folder = args.model.root.as_deref().unwrap_or(Path::new("."));
-    let kept = tempfile::Builder::new().prefix(fsio::TEMPORARY).tempfile_in(folder);
-    let kept = kept.and_then(|file| std::fs::write(file.path(), text).map(|()| file));
-    let kept = kept.map_err(|e| {
-        let folder = folder.display();
-        Failure::with(
-            Exit::Failed,
-            format!("cannot keep the model in {folder} while it is read: {e}"),
-        )
+    let kept = fsio::temporary_with(Path::new("."), &text).map_err(|e| {
+        let why = format!("the current folder cannot hold the model while it is read: {e}");
+        Failure::with(Exit::Failed, format!("{why}; save the model as a file and import that"))
     })?;
     let name = input::place(&args.file).display().to_string();
     let mut plan = args.model.plan(kept.path(), &args.out)?;
