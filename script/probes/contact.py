@@ -1,6 +1,6 @@
 """Measures whether the history of positions tells that links touch, and whether it helps to infer the action.
 
-    script/python --setup                          # once: an environment with numpy
+    script/python --setup && target/python/bin/pip install safetensors    # once: an environment with numpy
     robert collect --robot shadow_hand --agent babble --transitions 200000 --seed 7 --out data/probe
     target/python/bin/python script/probes/contact.py data/probe --out results/contact
 

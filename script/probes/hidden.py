@@ -1,6 +1,6 @@
 """Measures how much nearer than a cubic spline a learned linear interpolation is to hidden frames of recorded motion.
 
-    script/python --setup                          # once: an environment with numpy
+    script/python --setup && target/python/bin/pip install safetensors    # once: an environment with numpy
     robert collect --robot ur5e --agent noise --transitions 100000 --seed 7 --out data/cubic-ur5e
     target/python/bin/python script/probes/hidden.py data/cubic-ur5e … --out results/hidden-probe.json
 
