@@ -12,13 +12,13 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::contest::Contest;
 use super::error::Error;
+use super::goals::Goals;
 use super::ilc;
 use super::learner::{Learner, Stage};
 use super::policy::Policy;
 use super::policy_config::PolicyConfig;
 use super::run::{Rollout, RolloutConfig, Start};
 use super::trial::{Trial, best};
-use super::window::Goals;
 use robert_base::parallel;
 use robert_base::progress::{Cancel, Progress};
 use robert_clip::Command;

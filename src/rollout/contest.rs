@@ -6,6 +6,7 @@
 use std::sync::Arc;
 
 use super::error::Error;
+use super::goals::Goals;
 use super::guide::Guide;
 use super::ilc::Repeats;
 use super::ilqr::IlqrConfig;
@@ -19,7 +20,6 @@ use super::policy_name::PolicyName;
 use super::run::{Rollout, RolloutConfig, Start};
 use super::shipped;
 use super::trial::{Trial, leaders, leads, least, near};
-use super::window::Goals;
 use robert_clip::Command;
 use robert_net::Model;
 use robert_robot::{PlantConfig, Robot};

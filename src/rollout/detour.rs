@@ -8,6 +8,7 @@
 
 use std::ops::Range;
 
+use super::goals::Goals;
 use super::holds;
 use super::jam;
 use super::judge::{Judge, commanded};
@@ -15,7 +16,7 @@ use super::lead::Lead;
 use super::natural;
 use super::parts::counted;
 use super::run::Rollout;
-use super::window::{Goals, HISTORY};
+use super::window::HISTORY;
 use robert_base::rng::{Rng, Stream};
 
 /// Frames that are simulated, as a multiple of those of the part.

@@ -26,9 +26,10 @@ use serde::{Deserialize, Serialize};
 
 use super::error::Error;
 use super::gap::Gap;
+use super::goals::Goals;
 use super::run::Rollout;
 use super::spline;
-use super::window::{Goals, HISTORY};
+use super::window::HISTORY;
 use super::worst::Worst;
 
 /// Shortest straight line for which path and jerk are measured, rad or m.

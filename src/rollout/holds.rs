@@ -8,7 +8,8 @@
 use std::collections::btree_map::Entry;
 use std::ops::Range;
 
-use super::window::{Goals, HISTORY};
+use super::goals::Goals;
+use super::window::HISTORY;
 use super::worst::Worst;
 
 /// Frames in which a joint may still arrive.

@@ -8,12 +8,12 @@
 //! is: errors are measured against it.
 
 use super::error::Error;
+use super::goals::Goals;
 use super::judge::Judge;
 use super::lead::Lead;
 use super::natural::unnatural;
 use super::policy_config::PolicyConfig;
 use super::run::Rollout;
-use super::window::Goals;
 
 /// Passes after the first.
 const PASSES: usize = 6;

@@ -17,7 +17,8 @@
 //! the hand did a fifth of the way in the first half of the time and most of it in the last second.
 
 use super::curve::{Knot, Piece, mean_speed, passing_speed};
-use super::window::{BACK, COMMAND, Window};
+use super::goals::BACK;
+use super::window::{COMMAND, Window};
 
 /// Share of a joint's highest speed above which a curve becomes straighter.
 const BRISK: f64 = 0.8;
@@ -87,8 +88,9 @@ pub(super) fn infill(window: &mut Window, speed: &[f64]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::goals::Goals;
     use crate::lead::Lead;
-    use crate::window::{Goals, HISTORY};
+    use crate::window::HISTORY;
     use robert_base::rng::{Rng, Stream};
     use robert_clip::Command;
 

@@ -5,7 +5,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::window::Goals;
+use super::goals::Goals;
 
 /// Error of a joint that jams, rad or m.
 pub(super) const FAR: f64 = 0.05;

@@ -12,10 +12,11 @@
 use std::ops::Range;
 use std::sync::Arc;
 
+use super::goals::Goals;
 use super::jam::Off;
 use super::natural;
 use super::run::Rollout;
-use super::window::{Goals, HISTORY};
+use super::window::HISTORY;
 use robert_robot::{Coupling, Robot};
 
 /// Weight that a strict judge gives to the errors of joints that jam: a joint that comes free may cost

@@ -8,11 +8,11 @@ use std::sync::Arc;
 
 use super::contest::Contest;
 use super::error::Error;
+use super::goals::Goals;
 use super::learner::{Learner, Stage};
 use super::policy_config::PolicyConfig;
 use super::run::{Rollout, Start};
 use super::trial::{Trial, best};
-use super::window::Goals;
 use robert_clip::Command;
 use robert_robot::Robot;
 

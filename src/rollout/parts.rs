@@ -6,7 +6,8 @@
 
 use std::ops::Range;
 
-use super::window::{COMMAND, Goals};
+use super::goals::Goals;
+use super::window::COMMAND;
 
 /// The longest clip that is one part, in frames (20 s), and the longest part.
 const WHOLE: usize = 400;

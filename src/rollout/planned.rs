@@ -6,10 +6,10 @@
 //! reached.
 
 use super::error::Error;
+use super::goals::Goals;
 use super::jam::{self, Off};
 use super::policy_config::PolicyConfig;
 use super::run::Rollout;
-use super::window::Goals;
 
 /// Passes of the policy along the path.
 pub(super) const PASSES: usize = 3;

@@ -6,7 +6,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::window::Goals;
+use super::goals::Goals;
 
 /// Error below which a hold counts as reached, rad or m.
 pub(super) const REACHED: f64 = 0.05;

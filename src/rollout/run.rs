@@ -3,13 +3,14 @@
 use std::sync::Arc;
 
 use super::error::Error;
+use super::goals::Goals;
 use super::guide::Guide;
 use super::holds;
 use super::lead::Lead;
 use super::nominal_model::substeps;
 use super::policy::{Policy, View};
 use super::precision::Precision;
-use super::window::{COMMAND, Goals, HISTORY, Window};
+use super::window::{COMMAND, HISTORY, Window};
 use super::worst::Worst;
 use robert_base::progress::Cancel;
 use robert_base::units::CTRL_DT;
@@ -120,7 +121,7 @@ impl Rollout {
         config: RolloutConfig,
     ) -> Result<Rollout, Error> {
         check_joints(robot, command)?;
-        Rollout::begin(robot, policy, Goals::new(command), pose(command), start, config)
+        Rollout::begin(robot, policy, goals(command, &start), pose(command), start, config)
     }
 
     /// The same clip from the same start with another policy; nothing is simulated yet.
@@ -313,7 +314,7 @@ impl Rollout {
     /// As [`Rollout::new`]; the rollout is then unchanged.
     pub fn set_command(&mut self, command: &Command) -> Result<usize, Error> {
         check_joints(&self.robot, command)?;
-        let goals = Goals::new(command);
+        let goals = goals(command, &self.start);
         if goals.frames() < 2 {
             return Err(Error::TooShort { frames: goals.frames() });
         }
@@ -564,6 +565,14 @@ impl std::fmt::Debug for Rollout {
 
 fn pose(command: &Command) -> Vec<f64> {
     command.start().iter().map(|&v| f64::from(v)).collect()
+}
+
+/// The goals of a clip that begins so.
+fn goals(command: &Command, start: &Start) -> Goals {
+    match start {
+        Start::Pose => Goals::new(command),
+        Start::Recorded { history, .. } => Goals::after(command, history),
+    }
 }
 
 /// The state at frame 0 of a rollout from this pose; (S).

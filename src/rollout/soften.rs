@@ -173,7 +173,7 @@ impl Softening {
             return None;
         }
         let cost = |r: &Roughness| (r.jerk - ROUGH).max(0.0) + SWING * r.overshoot;
-        let all = gaps::roughness(self.motion.goals(), self.motion.states()).into_iter();
+        let all = gaps::roughness(self.motion.goals().restored(), self.motion.states()).into_iter();
         let rough = all.filter(|r| cost(r) > 0.0 && !self.given_up.contains(&r.gap));
         rough.max_by(|a, b| cost(a).total_cmp(&cost(b))).map(|r| r.gap)
     }
