@@ -20,8 +20,8 @@ pub struct Trial {
     pub policy: String,
     /// Its Precision, rad or m; `None` when it failed, or when nothing was commanded.
     pub precision: Option<f64>,
-    /// Penalty of its motion, rad or m: for overshoot, long paths and jerk in gaps, for a missed frame and
-    /// for motion within holds. 0 if the motion is within the limits.
+    /// Penalty of its motion, rad or m: for overshoot, long paths and jerk in gaps, for straying in dropouts, for a missed
+    /// frame and for motion within holds. 0 if the motion is within the limits.
     pub gaps: f64,
     /// Why it failed.
     #[serde(skip_serializing_if = "Option::is_none")]
