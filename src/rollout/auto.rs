@@ -111,7 +111,8 @@ impl Contenders {
         cancel: &Cancel,
     ) -> Result<Chosen, Error> {
         let done = AtomicUsize::new(0);
-        let goals = Goals::new(command);
+        let goals = start.goals(command);
+        let clip = (command, &goals);
         let differ = self.contest.differing(&goals);
         let most = ilc::LONGEST;
         if self.contest.learns && goals.frames() > most {
@@ -126,13 +127,13 @@ impl Contenders {
         };
         let all = parallel::each(threads, &differ, |_, &at| {
             let label = self.contest.policy(at).label();
-            (at, self.one(at, command, start, seed, &|| tick(&label), cancel))
+            (at, self.one(at, clip, start, seed, &|| tick(&label), cancel))
         });
         if cancel.is_cancelled() {
             return Err(Error::Cancelled { frame: 0 });
         }
         let (tried, mut rollouts) = self.compare(all)?;
-        let again = |at| self.rollout(at, command, start, seed);
+        let again = |at| self.rollout(at, clip, start, seed);
         let motions: Vec<_> = rollouts.iter().map(|r| r.as_ref().map(|(at, r)| (*at, r))).collect();
         let better = self
             .contest
@@ -187,24 +188,24 @@ impl Contenders {
     fn rollout(
         &self,
         at: usize,
-        command: &Command,
+        clip: (&Command, &Goals),
         start: &Start,
         seed: u64,
     ) -> Result<Rollout, Error> {
         let fork = self.templates[at].lock().unwrap_or_else(PoisonError::into_inner).fork();
-        self.contest.rollout(at, fork, command, start, seed)
+        self.contest.rollout(at, fork, clip, start, seed)
     }
 
     fn one(
         &self,
         at: usize,
-        command: &Command,
+        clip: (&Command, &Goals),
         start: &Start,
         seed: u64,
         tick: &dyn Fn(),
         cancel: &Cancel,
     ) -> Result<Rollout, Error> {
-        let mut rollout = self.rollout(at, command, start, seed)?;
+        let mut rollout = self.rollout(at, clip, start, seed)?;
         while !cancel.is_cancelled() && rollout.step()?.is_some() {
             tick();
         }

@@ -67,19 +67,19 @@ impl Contest {
         places.filter(|&at| goals.has_gaps() || !repeats(&self.policies[at])).collect()
     }
 
-    /// A rollout of a contender at its beginning. `fork` is its policy, if one was built before.
+    /// A rollout of a contender at its beginning; the goals are those of the command from this start. `fork` is its policy, if one was built before.
     pub(super) fn rollout(
         &self,
         at: usize,
         fork: Option<Box<dyn Policy>>,
-        command: &Command,
+        (command, goals): (&Command, &Goals),
         start: &Start,
         seed: u64,
     ) -> Result<Rollout, Error> {
         let policy = &self.policies[at];
         let built = fork.map_or_else(|| policy.build(&self.robot), Ok)?;
         let config = RolloutConfig { seed, guide: policy.guide, plant: PlantConfig::default() };
-        Rollout::new(&self.robot, built, command, start.clone(), config)
+        Rollout::prepared(&self.robot, built, (command, goals.clone()), start.clone(), config)
     }
 
     /// The best contenders, about to repeat the clip; `None` if none can. `motions` holds what each of

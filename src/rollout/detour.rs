@@ -89,7 +89,7 @@ impl Detours {
     /// Searches about a motion, which must have been simulated up to the end of the `part`.
     pub(super) fn new(motion: &Rollout, judge: &Judge, part: Range<usize>) -> Detours {
         let lead = motion.lead_or_none();
-        Detours::about(motion.goals(), motion.plan(), motion.states(), lead, judge, part)
+        Detours::about(motion.sought(), motion.plan(), motion.states(), lead, judge, part)
     }
 
     /// Searches about the motion with these `states`, (30 + frames, S), and this lead. The policy sees
@@ -174,7 +174,7 @@ impl Detours {
 
     /// Whether a try goes on after another frame: it may still become better than the best motion.
     pub(super) fn promises(&self, one: &mut Try, trial: &Rollout) -> bool {
-        let (goals, frame) = (trial.goals(), trial.frame());
+        let (goals, frame) = (trial.sought(), trial.frame());
         while one.summed <= frame {
             let error = self.judge.error_at(goals, trial.reached(), one.summed);
             one.worse += error - self.errors[one.summed];

@@ -26,8 +26,8 @@ pub struct Goals {
     dim: usize,
     /// Command where visible, virtual value elsewhere; (frames, dim).
     q: Vec<f64>,
-    /// The same with smooth motion in every gap, and the likely motion in dropouts; see [`Goals::find_way`].
-    /// (frames, dim).
+    /// The same with smooth motion in every gap ([`Goals::find_way`]), but the likely motion in dropouts
+    /// ([`dropout::likely`]); (frames, dim).
     way: Vec<f64>,
     /// (frames, dim).
     visible: Vec<bool>,
@@ -39,7 +39,7 @@ pub struct Goals {
     pub(super) end: Vec<f64>,
     /// Joints that are free beyond the end, because they were free before; (dim).
     pub(super) end_free: Vec<bool>,
-    /// These goals with those of dropouts, if there are any.
+    /// These goals, with the likely motion in dropouts as goals, if there are any.
     restored: Option<Arc<Goals>>,
 }
 
@@ -49,7 +49,8 @@ impl Goals {
         Goals::after(command, &[])
     }
 
-    /// From a compiled clip that goes on after these states of a recording; (any, S).
+    /// From a compiled clip that goes on after these states of a recording, of which the last one is that of frame 0;
+    /// (any, S).
     pub(super) fn after(command: &Command, history: &[f64]) -> Goals {
         let (frames, dim) = (command.frames() as usize, command.dim());
         let mut goals = Goals {
@@ -95,16 +96,23 @@ impl Goals {
     }
 
     /// The likely motion in dropouts, place and value; see [`dropout::likely`].
-    fn find_dropouts(&self, history: &[f64]) -> Vec<(usize, f64)> {
-        let n = history.len();
-        let q = [history, &self.q].concat();
-        let visible = [&vec![true; n][..], &self.visible].concat();
-        dropout::likely(&q, &visible, self.dim).into_iter().map(|(i, q)| (i - n, q)).collect()
+    fn find_dropouts(&self, before: &[f64]) -> Vec<(usize, f64)> {
+        // The state of frame 0 is in both.
+        let both = before.len().min(self.dim);
+        let q = [before, &self.q[both..]].concat();
+        let visible = [&vec![true; before.len()][..], &self.visible[both..]].concat();
+        let by = before.len() - both;
+        dropout::likely(&q, &visible, self.dim).into_iter().map(|(i, q)| (i - by, q)).collect()
     }
 
-    /// These goals with those of dropouts: frames that a recording lacks, and where the joint must have been.
+    /// These goals, with the likely motion in dropouts as goals.
     pub(super) fn restored(&self) -> &Goals {
         self.restored.as_deref().unwrap_or(self)
+    }
+
+    /// Whether a recording lacks a few frames somewhere.
+    pub(super) fn has_dropouts(&self) -> bool {
+        self.restored.is_some()
     }
 
     /// Marks the frames of gaps from what is visible.
@@ -142,7 +150,7 @@ impl Goals {
         std::iter::once(0).chain(seen).map(|f| (f, self.row(f)[j])).collect()
     }
 
-    /// These goals with the smooth motion of [`Goals::find_way`] as goals. Frames after the last goal
+    /// These goals with the planned motion in gaps as goals. Frames after the last goal
     /// stay hidden.
     #[must_use]
     pub(super) fn smooth(&self) -> Goals {
@@ -396,7 +404,7 @@ mod tests {
         assert_eq!(hidden(&alone), [1, 2, 3, 20, 21, 22]);
         // How fast the joint moves at the start is only known from the history.
         assert_eq!(hidden(alone.restored()), [1, 2, 3]);
-        let history: Vec<f64> = (-30..0).map(|f| at(f64::from(f))).collect();
+        let history: Vec<f64> = (-30..=0).map(|f| at(f64::from(f))).collect();
         let q = rows.iter().map(|v| v.unwrap_or(0.0)).collect();
         let visible = rows.iter().map(Option::is_some).collect();
         let command = Command::from_dense(vec!["a".into()], vec![0.0], q, visible).unwrap();

@@ -1,6 +1,7 @@
 //! What decides between two motions of a clip.
 //!
-//! Usually the smaller sum of Precision and the penalty for unnatural motion in gaps and a missed frame. A finger that
+//! Usually the smaller sum of Precision and the penalty for unnatural motion in gaps and a missed frame. The likely motion in
+//! dropouts counts as goals do. A finger that
 //! stays behind another one for a second adds little to the mean over all joints and frames, but a
 //! person sees it at once. A strict judge gives the errors of joints that jam more weight, as long as
 //! the usual sum stays nearly as small. A gentle judge gives jerk in gaps more weight in the same way.
@@ -87,7 +88,7 @@ impl Judge {
     /// A strict judge of motions that should lose the jams of `best`. Their usual sum stays below
     /// `most`.
     pub(super) fn strict(&self, best: &Rollout, jams: &[Off], most: f64) -> Judge {
-        let (goals, d) = (best.goals(), best.goals().dim());
+        let (goals, d) = (best.sought(), best.goals().dim());
         let mut weights = vec![1.0; goals.frames() * d];
         for jam in jams {
             (jam.from..jam.to).for_each(|f| weights[f * d + jam.joint] = JAM_WEIGHT);
@@ -153,7 +154,7 @@ impl Judge {
 
     /// The mean weighted error of the goals of a part, and the penalty up to its end, rad or m.
     fn sum(&self, motion: &Rollout, part: &Range<usize>) -> f64 {
-        let (goals, reached) = (motion.goals(), motion.reached());
+        let (goals, reached) = (motion.sought(), motion.reached());
         let errors: f64 = part.clone().map(|f| self.error_at(goals, reached, f)).sum();
         let penalty = natural::counted(natural::unnatural_until(motion, part.end));
         errors / commanded(goals, part).max(1.0) + penalty
@@ -162,12 +163,12 @@ impl Judge {
     /// Precision with weighted errors and the penalty for unnatural motion in gaps, rad or m. `None`
     /// if nothing was commanded, or if Precision or the usual sum is too large.
     pub(super) fn score(&self, rollout: &Rollout) -> Option<f64> {
-        let goals = rollout.goals();
-        let precision = rollout.precision().precision?;
+        let goals = rollout.sought();
+        let (precision, error) = rollout.errors()?;
         let penalties = natural::apart(rollout);
         let penalty = natural::counted(penalties.0 + penalties.1);
         let weighted = match self.weights {
-            None if self.ties.is_empty() => precision,
+            None if self.ties.is_empty() => error,
             _ => {
                 let reached = &rollout.states()[HISTORY * goals.dim()..];
                 let frames = 1..goals.frames();
@@ -175,7 +176,7 @@ impl Judge {
                 errors / commanded(goals, &frames)
             }
         };
-        (precision <= self.farthest && precision + penalty < self.most)
+        (precision <= self.farthest && error + penalty < self.most)
             .then_some(weighted + self.penalty(penalties))
     }
 

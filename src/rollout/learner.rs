@@ -293,7 +293,7 @@ impl Learner {
         let all = self.frames();
         let lead = self.racers.swap_remove(self.place());
         self.frames = all - lead.frames;
-        let (goals, plan) = (lead.trial.goals(), lead.trial.plan());
+        let (goals, plan) = (lead.trial.sought(), lead.trial.plan());
         self.wanted = lead.is_fast && detour::may_help(goals, plan, lead.best_states());
         if lead.is_fast && planned::is_affordable(&lead.trial) {
             // Free of a guide it finds more ways around what blocks a joint; with one it moves naturally.
@@ -369,7 +369,7 @@ impl Learner {
     fn begin_search(&mut self, fresh: &dyn Fn(usize) -> Result<Rollout, Error>) -> bool {
         let lead = self.lead();
         let found = self.own_by(BEYOND_CHANCE).is_some();
-        let may_help = detour::may_help(lead.trial.goals(), lead.trial.plan(), lead.best_states());
+        let may_help = detour::may_help(lead.trial.sought(), lead.trial.plan(), lead.best_states());
         if !self.wanted || found || !may_help {
             return false;
         }
@@ -418,7 +418,7 @@ impl Learner {
         let Some(softening) = self.softening.take() else { return };
         self.frames += softening.frames();
         let Some(softer) = softening.into_motion() else { return };
-        let sum = softer.precision().precision.map(|p| p + counted(unnatural(&softer)));
+        let sum = softer.errors().map(|(_, error)| error + counted(unnatural(&softer)));
         if let [lead] = &mut self.racers[..]
             && sum.is_some_and(|sum| sum < self.tried)
         {

@@ -38,7 +38,8 @@ pub struct LiveRollout {
     command: Command,
     /// The contenders that move differently on this clip.
     differing: Vec<usize>,
-    frames: usize,
+    /// The goals of the command.
+    goals: Goals,
     edit: u64,
     seed: u64,
 }
@@ -78,7 +79,7 @@ impl LiveRollout {
             learner: None,
             command: command.clone(),
             differing,
-            frames: goals.frames(),
+            goals,
             edit: 1,
             seed,
         };
@@ -112,7 +113,7 @@ impl LiveRollout {
     pub fn set_command(&mut self, command: &Command) -> Result<usize, Error> {
         let goals = Goals::new(command);
         self.differing = self.contest.differing(&goals);
-        (self.command, self.frames) = (command.clone(), goals.frames());
+        (self.command, self.goals) = (command.clone(), goals);
         self.edit += 1;
         let leader = self.learner.take().map(|learner| learner.leader());
         let corrected = std::mem::take(&mut self.shown.1) > 0;
@@ -137,10 +138,11 @@ impl LiveRollout {
         }
         *failed = None;
         match rollout {
-            Some(rollout) => drop(rollout.set_command(&self.command)?),
+            Some(rollout) => drop(rollout.set_goals(&self.command, self.goals.clone())?),
             None => {
-                let (command, seed) = (&self.command, self.seed);
-                *rollout = Some(self.contest.rollout(at, None, command, &Start::Pose, seed)?);
+                let clip = (&self.command, &self.goals);
+                let seed = self.seed;
+                *rollout = Some(self.contest.rollout(at, None, clip, &Start::Pose, seed)?);
             }
         }
         *edit = self.edit;
@@ -209,7 +211,7 @@ impl LiveRollout {
     /// A rollout of a contender at its beginning.
     fn beginning(&self, at: usize) -> Result<Rollout, Error> {
         let fork = self.contenders[at].rollout.as_ref().and_then(Rollout::fork_policy);
-        self.contest.rollout(at, fork, &self.command, &Start::Pose, self.seed)
+        self.contest.rollout(at, fork, (&self.command, &self.goals), &Start::Pose, self.seed)
     }
 
     /// What the contenders achieved that have something of their own to show.

@@ -58,7 +58,7 @@ pub(super) fn apart(rollout: &Rollout) -> (f64, f64) {
 
 /// The penalty of the frames before `end` without that for jerk, and that for jerk.
 fn measured(rollout: &Rollout, end: usize) -> (f64, f64) {
-    let (goals, states) = (rollout.goals(), rollout.states());
+    let (goals, states) = (rollout.sought(), rollout.states());
     let states = &states[..((HISTORY + end) * goals.dim()).min(states.len())];
     let way = farthest(&free(rollout.robot(), goals), goals.dim(), states);
     let (other, jolts) = penalties(goals, states);
@@ -112,8 +112,6 @@ pub(super) fn penalty(goals: &Goals, states: &[f64]) -> f64 {
 
 /// The [`penalty`] without that for jerk, and that for jerk.
 pub(super) fn penalties(goals: &Goals, states: &[f64]) -> (f64, f64) {
-    let strayed = astray(goals, states);
-    let goals = goals.restored();
     let gap = GapFigures::measure(goals, states, &names(goals)).unwrap_or_default();
     let swing = gap.overshoot.map_or(0.0, |o| o.value);
     let detour = gap.path.map_or(0.0, |p| (p - LONGEST_PATH).max(0.0));
@@ -121,28 +119,7 @@ pub(super) fn penalties(goals: &Goals, states: &[f64]) -> (f64, f64) {
     let missed = (worst_frame(goals, states) - jam::FAR).max(0.0);
     let restless = holds::restlessness(goals, states);
     let other = SWING_WEIGHT * (swing + missed) + PATH_WEIGHT * detour + RESTLESS_WEIGHT * restless;
-    let other = other + strayed;
     (other, JERK_WEIGHT * jolts)
-}
-
-/// The error in dropouts of recorded motion, against the likely motion there, as a share of all goals, rad or m: it counts
-/// as much as that of goals.
-fn astray(goals: &Goals, states: &[f64]) -> f64 {
-    let (d, whole) = (goals.dim(), goals.restored());
-    if std::ptr::eq(goals, whole) {
-        return 0.0;
-    }
-    let reached = &states[HISTORY * d..];
-    let (mut sum, mut count) = (0.0, 0_usize);
-    for f in 1..goals.frames().min(reached.len() / d) {
-        for j in (0..d).filter(|&j| whole.is_visible(f, j)) {
-            count += 1;
-            if !goals.is_visible(f, j) {
-                sum += (reached[f * d + j] - whole.row(f)[j]).abs();
-            }
-        }
-    }
-    sum / count.max(1) as f64
 }
 
 /// The error of the frame that is farthest from its goals, in the mean over its joints, rad or m.
@@ -172,7 +149,6 @@ pub(super) struct Place {
 /// The joint that overshoots most, the one that moves most in the most restless hold, and, if the jerk exceeds its
 /// limit, the strongest jolt of the gap with the most.
 pub(super) fn places(goals: &Goals, states: &[f64]) -> Vec<Place> {
-    let goals = goals.restored();
     let swing = gaps::widest_swing(goals, states).map(|(frame, joint, value)| Place {
         frame,
         joint,
@@ -284,22 +260,5 @@ mod tests {
         assert!(frames[0] == 16 && frames[1].abs_diff(16) <= 2, "{frames:?}");
         let whole: f64 = found.iter().map(|p| p.penalty).sum();
         assert!((whole - penalty(&goals, &states)).abs() < 1e-12);
-    }
-
-    #[test]
-    fn what_strays_in_a_dropout_counts_as_much_as_a_missed_goal() {
-        let at = |f: usize| (0.2 * f as f64).sin();
-        let rows: Vec<_> = (0..60).map(|f| [Some(at(f))]).collect();
-        let seen: Vec<(usize, &[Option<f64>])> =
-            (0..60).filter(|f| !(30..33).contains(f)).map(|f| (f, &rows[f][..])).collect();
-        let goals = goals(1, 60, &seen);
-        let mut states: Vec<f64> = vec![0.0; HISTORY].into_iter().chain((0..60).map(at)).collect();
-        let near = penalty(&goals, &states);
-        assert!(near < 1e-5, "{near}");
-        // No overshoot and no jolt: where the joint goes on is known.
-        states[HISTORY + 31] += 0.03;
-        let strayed = penalty(&goals, &states);
-        assert!((strayed - 0.03 / 59.0).abs() < 1e-5, "{strayed}");
-        assert!(places(&goals, &states).is_empty());
     }
 }

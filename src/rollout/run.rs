@@ -35,6 +35,18 @@ pub enum Start {
     },
 }
 
+impl Start {
+    /// The goals of a clip that begins so.
+    pub(super) fn goals(&self, command: &Command) -> Goals {
+        match self {
+            Start::Pose => Goals::new(command),
+            Start::Recorded { history, state, .. } => {
+                Goals::after(command, &[&history[..], state].concat())
+            }
+        }
+    }
+}
+
 /// Settings of a rollout.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RolloutConfig {
@@ -120,8 +132,20 @@ impl Rollout {
         start: Start,
         config: RolloutConfig,
     ) -> Result<Rollout, Error> {
+        let goals = start.goals(command);
+        Rollout::prepared(robot, policy, (command, goals), start, config)
+    }
+
+    /// As [`Rollout::new`], with the goals of the command, [`Start::goals`].
+    pub(super) fn prepared(
+        robot: &Arc<Robot>,
+        policy: Box<dyn Policy>,
+        (command, goals): (&Command, Goals),
+        start: Start,
+        config: RolloutConfig,
+    ) -> Result<Rollout, Error> {
         check_joints(robot, command)?;
-        Rollout::begin(robot, policy, goals(command, &start), pose(command), start, config)
+        Rollout::begin(robot, policy, goals, pose(command), start, config)
     }
 
     /// The same clip from the same start with another policy; nothing is simulated yet.
@@ -313,8 +337,12 @@ impl Rollout {
     /// # Errors
     /// As [`Rollout::new`]; the rollout is then unchanged.
     pub fn set_command(&mut self, command: &Command) -> Result<usize, Error> {
+        self.set_goals(command, self.start.goals(command))
+    }
+
+    /// As [`Rollout::set_command`], with the goals of the command, [`Start::goals`].
+    pub(super) fn set_goals(&mut self, command: &Command, goals: Goals) -> Result<usize, Error> {
         check_joints(&self.robot, command)?;
-        let goals = goals(command, &self.start);
         if goals.frames() < 2 {
             return Err(Error::TooShort { frames: goals.frames() });
         }
@@ -511,6 +539,21 @@ impl Rollout {
         &self.goals
     }
 
+    /// The goals by which motions are compared: with the likely motion in dropouts.
+    pub(super) fn sought(&self) -> &Goals {
+        self.goals.restored()
+    }
+
+    /// Precision, and the mean error over the goals that are sought, rad or m. `None` if nothing is commanded.
+    pub(super) fn errors(&self) -> Option<(f64, f64)> {
+        let precision = self.precision().precision?;
+        let error = match self.goals.has_dropouts() {
+            true => self.measured(self.sought()).precision?,
+            false => precision,
+        };
+        Some((precision, error))
+    }
+
     /// The robot.
     pub fn robot(&self) -> &Arc<Robot> {
         &self.robot
@@ -541,7 +584,11 @@ impl Rollout {
 
     /// The figures over the frames so far.
     pub fn precision(&self) -> Precision {
-        Precision::measure(&self.goals, self.reached(), &self.actions, self.robot.action_dim())
+        self.measured(&self.goals)
+    }
+
+    fn measured(&self, goals: &Goals) -> Precision {
+        Precision::measure(goals, self.reached(), &self.actions, self.robot.action_dim())
     }
 
     /// Simulated time minus clip time at the last reached frame, seconds. It is 0 except for
@@ -565,14 +612,6 @@ impl std::fmt::Debug for Rollout {
 
 fn pose(command: &Command) -> Vec<f64> {
     command.start().iter().map(|&v| f64::from(v)).collect()
-}
-
-/// The goals of a clip that begins so.
-fn goals(command: &Command, start: &Start) -> Goals {
-    match start {
-        Start::Pose => Goals::new(command),
-        Start::Recorded { history, .. } => Goals::after(command, history),
-    }
 }
 
 /// The state at frame 0 of a rollout from this pose; (S).

@@ -174,7 +174,7 @@ impl Search {
     fn divide(&mut self, wanted: impl Fn(&Range<usize>) -> bool, share: usize) {
         let dim = self.motion.goals().dim();
         let budget = |part: &Range<usize>| detour::budget(part.len() + 1, dim) / share;
-        let all = parts(self.motion.goals()).into_iter().filter(wanted);
+        let all = parts(self.motion.sought()).into_iter().filter(wanted);
         let mut all: VecDeque<_> = all.map(|part| (part.clone(), budget(&part))).collect();
         let (sum, most) = (all.iter().map(|p| p.1).sum::<usize>(), MOST * 24 / dim.clamp(6, 240));
         if sum > most {
@@ -314,7 +314,7 @@ impl Search {
     fn next_tries(&mut self) -> bool {
         let Some(part) = &mut self.part else { return false };
         for _ in 0..AT_ONCE {
-            let Some(mut what) = part.detours.next(self.motion.goals()) else { break };
+            let Some(mut what) = part.detours.next(self.motion.sought()) else { break };
             let Some(mut rollout) = self.spare.pop() else { break };
             let begun = rollout.branch(&self.motion, std::mem::take(&mut what.lead));
             // A try counts as a frame, so that the search ends even if tries change nothing.

@@ -142,7 +142,7 @@ impl Softening {
             return self.frames_left() > 0 && self.begin();
         }
         let before: usize = self.attempts.iter().map(|a| a.rollout.simulated()).sum();
-        let goals = self.motion.goals();
+        let goals = self.motion.sought();
         let commanded = commanded(goals, &(1..goals.frames()));
         let (judge, states) = (&self.judge, self.motion.states());
         let rival = Rival { judge, states, commanded, patience: judge.patience(least) };
@@ -173,7 +173,7 @@ impl Softening {
             return None;
         }
         let cost = |r: &Roughness| (r.jerk - ROUGH).max(0.0) + SWING * r.overshoot;
-        let all = gaps::roughness(self.motion.goals().restored(), self.motion.states()).into_iter();
+        let all = gaps::roughness(self.motion.sought(), self.motion.states()).into_iter();
         let rough = all.filter(|r| cost(r) > 0.0 && !self.given_up.contains(&r.gap));
         rough.max_by(|a, b| cost(a).total_cmp(&cost(b))).map(|r| r.gap)
     }
@@ -244,7 +244,7 @@ impl Attempt {
     }
 
     fn promises(&mut self, rival: &Rival<'_>) -> bool {
-        let (goals, frame) = (self.rollout.goals(), self.rollout.frame());
+        let (goals, frame) = (self.rollout.sought(), self.rollout.frame());
         let before = &rival.states[HISTORY * goals.dim()..];
         while self.next <= frame {
             self.worse += rival.judge.error_at(goals, self.rollout.reached(), self.next)

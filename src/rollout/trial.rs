@@ -20,8 +20,11 @@ pub struct Trial {
     pub policy: String,
     /// Its Precision, rad or m; `None` when it failed, or when nothing was commanded.
     pub precision: Option<f64>,
-    /// Penalty of its motion, rad or m: for overshoot, long paths and jerk in gaps, for straying in dropouts, for a missed
-    /// frame and for motion within holds. 0 if the motion is within the limits.
+    /// In clips with dropouts, the mean error over goals and the likely motion in dropouts, rad or m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub restored: Option<f64>,
+    /// Penalty of its motion, rad or m: for overshoot, long paths and jerk in gaps, for a missed frame and
+    /// for motion within holds. 0 if the motion is within the limits.
     pub gaps: f64,
     /// Why it failed.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -31,9 +34,11 @@ pub struct Trial {
 impl Trial {
     /// A policy that has performed the clip.
     pub(super) fn of(policy: &PolicyConfig, rollout: &Rollout) -> Trial {
+        let errors = rollout.errors();
         Trial {
             policy: policy.label(),
-            precision: rollout.precision().precision,
+            precision: errors.map(|e| e.0),
+            restored: errors.map(|e| e.1).filter(|_| rollout.goals().has_dropouts()),
             gaps: counted(unnatural(rollout)),
             error: None,
         }
@@ -42,12 +47,12 @@ impl Trial {
     /// A policy that could not perform it.
     pub(super) fn failed(policy: &PolicyConfig, error: Option<&Error>) -> Trial {
         let error = error.map(ToString::to_string);
-        Trial { policy: policy.label(), precision: None, gaps: 0.0, error }
+        Trial { policy: policy.label(), precision: None, restored: None, gaps: 0.0, error }
     }
 
     /// What decides: the smaller the better.
     fn score(&self) -> Option<f64> {
-        Some(self.precision? + self.gaps)
+        Some(self.restored.or(self.precision)? + self.gaps)
     }
 
     /// The score of a motion whose Precision is not above `limit`.
@@ -98,7 +103,7 @@ mod tests {
     use super::*;
 
     fn trial(precision: f64, gaps: f64) -> Trial {
-        Trial { policy: "x".into(), precision: Some(precision), gaps, error: None }
+        Trial { policy: "x".into(), precision: Some(precision), restored: None, gaps, error: None }
     }
 
     #[test]

@@ -155,6 +155,60 @@ fn an_edit_resimulates_only_what_it_can_change() {
 
 /// A rollout with corrections that goes on from another one has the bits of one from the start,
 /// also with a policy that remembers.
+/// A wave of every joint, as recorded, without these frames.
+fn recording(robot: &Robot, hidden: &[usize]) -> Command {
+    let waves: Vec<(usize, f64)> = (0..70)
+        .filter(|f| !hidden.contains(f))
+        .map(|f| (f, 0.2 * (0.25 * f as f64).sin()))
+        .collect();
+    command(robot, 70, &waves)
+}
+
+#[test]
+fn an_edit_near_dropouts_has_the_bits_of_a_rollout_from_the_start() {
+    let robot = robot("ur5e");
+    let smooth = PolicyConfig { guide: Guide::Smooth, ..PolicyConfig::new(PolicyName::Robert) };
+    for policy in [smooth, PolicyConfig::new(PolicyName::Robert)] {
+        let begun = |command: &Command| {
+            let built = policy.build(&robot).unwrap();
+            let config = RolloutConfig { guide: policy.guide, ..RolloutConfig::default() };
+            Rollout::new(&robot, built, command, Start::Pose, config).unwrap()
+        };
+        let gaps = [20, 21, 22, 40, 41, 42, 43, 44, 45, 46, 47, 48, 49];
+        let mut edited = begun(&recording(&robot, &gaps));
+        edited.run(&Cancel::default()).unwrap();
+        for hidden in [&gaps[1..], &gaps[..8], &gaps[..3], &[60, 61]] {
+            let changed = recording(&robot, hidden);
+            edited.set_command(&changed).unwrap();
+            edited.run(&Cancel::default()).unwrap();
+            let mut fresh = begun(&changed);
+            assert!(fresh.goals().has_dropouts());
+            fresh.run(&Cancel::default()).unwrap();
+            assert_eq!(bits(&edited), bits(&fresh), "{policy:?} {hidden:?}");
+        }
+    }
+}
+
+#[test]
+fn motions_are_compared_by_goals_and_dropouts() {
+    let robot = robot("ur5e");
+    let command = recording(&robot, &[30, 31, 32]);
+    let mut rollout = rollout(&robot, PolicyName::Pd, &command);
+    rollout.run(&Cancel::default()).unwrap();
+    let (precision, error) = rollout.errors().unwrap();
+    assert_eq!(Some(precision), rollout.precision().precision);
+    let d = robot.state_dim();
+    let off =
+        |f: usize, j: usize| (rollout.reached()[f * d + j] - rollout.goals().way_at(f, j)).abs();
+    let inside: f64 = (30..33).flat_map(|f| (0..d).map(move |j| off(f, j))).sum();
+    let all = (precision * (66 * d) as f64 + inside) / (69 * d) as f64;
+    assert!((error - all).abs() < 1e-12 && error != precision, "{error} {all} {precision}");
+    // Neither is a dropout a gap in which a joint could overshoot.
+    assert!((30..33).all(|f| rollout.sought().any_visible(f) && !rollout.goals().any_visible(f)));
+    let trial = crate::Trial::of(&PolicyConfig::new(PolicyName::Pd), &rollout);
+    assert_eq!((trial.precision, trial.restored), (Some(precision), Some(error)));
+}
+
 #[test]
 fn a_branch_has_the_bits_of_a_rollout_from_the_start() {
     for (id, name) in [("shadow_hand", PolicyName::Pd), ("ur5e", PolicyName::Ilqr)] {
