@@ -416,4 +416,19 @@ mod tests {
             assert_eq!(way, whole.smooth().row(f)[0]);
         }
     }
+
+    #[test]
+    fn no_task_that_was_typed_is_taken_for_a_recording() {
+        let mut clips = 0;
+        for robot in crate::tasks::manifest().unwrap().keys() {
+            for suite in ["manual", "extra", "validation", "drawn", "fast", "touch", "final"] {
+                for (name, clip) in crate::tasks::suite(robot, suite).unwrap() {
+                    let goals = Goals::new(&robert_clip::compile(&clip).unwrap());
+                    assert!(!goals.has_dropouts(), "{robot} {name}");
+                    clips += 1;
+                }
+            }
+        }
+        assert!(clips > 150, "{clips}");
+    }
 }

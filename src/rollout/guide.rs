@@ -10,7 +10,8 @@ pub enum Guide {
     None,
     /// The straight line from the reached state to the next goal, drawn anew in every frame.
     Linear,
-    /// A smooth curve from goal to goal through the whole gap, planned before the rollout.
+    /// A smooth curve from goal to goal through the whole gap, planned before the rollout; in dropouts of a recording
+    /// the most likely motion.
     Smooth,
 }
 

@@ -547,11 +547,10 @@ impl Rollout {
     /// Precision, and the mean error over the goals that are sought, rad or m. `None` if nothing is commanded.
     pub(super) fn errors(&self) -> Option<(f64, f64)> {
         let precision = self.precision().precision?;
-        let error = match self.goals.has_dropouts() {
-            true => self.measured(self.sought()).precision?,
-            false => precision,
-        };
-        Some((precision, error))
+        if self.goals.has_dropouts() {
+            return Some((precision, self.measured(self.sought()).precision?));
+        }
+        Some((precision, precision))
     }
 
     /// The robot.

@@ -720,7 +720,10 @@ export type Guide =
   | "none"
   /** The straight line from the reached state to the next goal, drawn anew in every frame. */
   | "linear"
-  /** A smooth curve from goal to goal through the whole gap, planned before the rollout. */
+  /**
+   * A smooth curve from goal to goal through the whole gap, planned before the rollout; in dropouts of a recording
+   * the most likely motion.
+   */
   | "smooth";
 
 /** The named history. */
@@ -2261,6 +2264,8 @@ export interface Trial {
   policy: string;
   /** Its Precision, rad or m; null when it failed, or when nothing was commanded. */
   precision: number | null;
+  /** In clips with dropouts, the mean error over goals and the likely motion in dropouts, rad or m. */
+  restored?: number;
 }
 
 /** The unit of one joint coordinate. */
