@@ -167,7 +167,8 @@ function Tries() {
 function Compared() {
   const r = store.rollout.value;
   if (r?.phase !== "done" || r.tried.length === 0) return null;
-  const score = (t: Trial): number => (t.precision ?? Number.POSITIVE_INFINITY) + t.gaps;
+  const error = (t: Trial): number => t.restored ?? t.precision ?? Number.POSITIVE_INFINITY;
+  const score = (t: Trial): number => error(t) + t.gaps;
   const rows = [...r.tried].sort((a, b) => score(a) - score(b));
   return (
     <div class="tries" data-testid="compared">
@@ -176,7 +177,7 @@ function Compared() {
         <div
           class="take"
           key={t.policy}
-          title={`${t.policy} on the command line; ${t.error ?? gapsInWords(t)}`}
+          title={`${t.policy} on the command line; ${t.error ?? gapsInWords(t)}${restoredInWords(t)}`}
         >
           <span class="grow name" aria-current={i === 0}>
             {i === 0 ? <Icon of={Check} size={13} /> : null} {labelInWords(t.policy)}
@@ -198,6 +199,12 @@ const gapsInWords = (t: Trial): string =>
   t.gaps > 0
     ? `its motion between the goals swings or jerks, or it misses a frame; that counts as ${store.shownError(t.gaps, store.unit.value)}`
     : "its motion between the goals is calm";
+
+/** The error with the frames that a recording lacks, which the choice counts as well. */
+const restoredInWords = (t: Trial): string =>
+  t.restored === undefined
+    ? ""
+    : `; with the frames that the recording lacks its error is ${store.shownError(t.restored, store.unit.value)}`;
 
 function Cards({ title, list }: { title: string; list: Choice[] }) {
   const { now, choose } = choices();
