@@ -67,7 +67,8 @@ impl Contest {
         places.filter(|&at| goals.has_gaps() || !repeats(&self.policies[at])).collect()
     }
 
-    /// A rollout of a contender at its beginning; the goals are those of the command from this start. `fork` is its policy, if one was built before.
+    /// A rollout of a contender at its beginning; the goals are those of the command from this start.
+    /// `fork` is its policy, if one was built before.
     pub(super) fn rollout(
         &self,
         at: usize,

@@ -230,11 +230,19 @@ fn places(goals: &Goals, plan: &Goals, states: &[f64], judge: &Judge, from: usiz
         let stays = |p: &&mut Place| p.joint == jam.joint && (jam.from..jam.to).contains(&p.frame);
         found.iter_mut().filter(stays).for_each(|p| p.cost *= STAYS);
     }
-    for natural::Place { frame, joint, penalty } in natural::places(goals, states) {
-        // Only goals that the policy sees can move.
+    // Only goals that the policy sees can move.
+    let near = |frame: usize, joint: usize| {
         let seen = (from..end).filter(|&f| plan.is_visible(f, joint));
+        seen.min_by_key(|f| f.abs_diff(frame))
+    };
+    found.retain_mut(|p| {
+        let seen = near(p.frame, p.joint);
+        p.frame = seen.unwrap_or(p.frame);
+        seen.is_some()
+    });
+    for natural::Place { frame, joint, penalty } in natural::places(goals, states) {
         let inside = frame >= from;
-        if let Some(frame) = seen.min_by_key(|f| f.abs_diff(frame)).filter(|_| inside) {
+        if let Some(frame) = near(frame, joint).filter(|_| inside) {
             found.push(Place { frame, joint, cost: penalty * commanded(goals, &(from..end)) });
         }
     }

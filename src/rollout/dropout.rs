@@ -15,7 +15,8 @@ const LONGEST: usize = 10;
 /// Visible frames on each side that are looked at, and the farthest of them from the dropout.
 const SIDE: usize = 12;
 const FARTHEST: usize = 40;
-/// Fewest pairs of neighbouring frames around a dropout that must show motion of a recording, at least one on each side.
+/// Fewest pairs of neighbouring frames around a dropout that must show motion of a recording: at least one before it, and
+/// one after it unless it is [`SHORT`].
 const MOVING: usize = 4;
 /// Frames of the longest dropout that may have no pair after it.
 const SHORT: usize = 4;
@@ -25,8 +26,8 @@ const SPAN: usize = 2 * FARTHEST + LONGEST + 2;
 const JITTER: f64 = 1e-6;
 /// How far the motion in a dropout leaves the range of the frames around it at most, as a share of that range.
 const BEYOND: f64 = 0.1;
-/// Positions are stored in single precision. A line or curve that was typed is off by this share of them at most.
-const ROUNDING: f64 = 4.0 * f32::EPSILON as f64;
+/// Positions are stored in single precision: each is off by at most half of this share.
+const ROUNDING: f64 = f32::EPSILON as f64;
 
 /// A gap, and the frames around it in which the same joints have goals.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -87,7 +88,7 @@ fn dropouts(q: &[f64], visible: &[bool]) -> Vec<Dropout> {
 }
 
 /// Whether a joint moves from a frame to the next one as in a recording: both are visible, and neither rest nor a
-/// straight line nor a cubic, which people type, leads through them.
+/// straight line nor a cubic, which people type, leads through them. Other curves count as recorded.
 fn recorded_pairs(q: &[f64], visible: &[bool]) -> Vec<bool> {
     let mut recorded: Vec<bool> = visible.windows(2).map(|p| p[0] && p[1]).collect();
     // Frames at rest, on a line and on a cubic.

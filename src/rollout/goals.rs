@@ -98,7 +98,7 @@ impl Goals {
     /// The likely motion in dropouts, place and value; see [`dropout::likely`].
     fn find_dropouts(&self, before: &[f64]) -> Vec<(usize, f64)> {
         // The state of frame 0 is in both.
-        let both = before.len().min(self.dim);
+        let both = before.len().min(self.dim).min(self.q.len());
         let q = [before, &self.q[both..]].concat();
         let visible = [&vec![true; before.len()][..], &self.visible[both..]].concat();
         let by = before.len() - both;

@@ -160,7 +160,7 @@ impl Judge {
         errors / commanded(goals, part).max(1.0) + penalty
     }
 
-    /// Precision with weighted errors and the penalty for unnatural motion in gaps, rad or m. `None`
+    /// The mean weighted error and the penalty for unnatural motion in gaps, rad or m. `None`
     /// if nothing was commanded, or if Precision or the usual sum is too large.
     pub(super) fn score(&self, rollout: &Rollout) -> Option<f64> {
         let goals = rollout.sought();

@@ -100,7 +100,7 @@ pub(super) struct Learner {
     is_strict: bool,
     /// The smallest error of the motions from which the contenders learned. What is kept is better.
     first: f64,
-    /// The smallest sum of Precision and penalty of all that were tried, which a motion that is chosen must
+    /// The smallest sum of error and penalty of all that were tried, which a motion that is chosen must
     /// have less than.
     tried: f64,
     /// The largest penalty of these motions for unnatural motion in gaps. The planner's path may lead
@@ -450,7 +450,7 @@ impl Learner {
     /// Searches again if a joint jams in the best motion; false if none does.
     fn search_strictly(&mut self) -> bool {
         let (Some(best), Some(floor)) = (self.lead().best(), &self.floor) else { return false };
-        let jams = jam::jams(&jam::off(best.goals(), best.reached(), jam::FAR), floor);
+        let jams = jam::jams(&jam::off(best.sought(), best.reached(), jam::FAR), floor);
         if self.is_strict || jams.is_empty() {
             return false;
         }

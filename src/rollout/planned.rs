@@ -79,7 +79,7 @@ impl Planned {
 
     /// Frames at which joints are more than `limit` off their goals on the path.
     pub(super) fn off(&self, limit: f64) -> Vec<Off> {
-        jam::off(self.planner.goals(), self.planner.reached(), limit)
+        jam::off(self.planner.sought(), self.planner.reached(), limit)
     }
 
     /// The planner's own motion.

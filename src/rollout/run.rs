@@ -132,6 +132,7 @@ impl Rollout {
         start: Start,
         config: RolloutConfig,
     ) -> Result<Rollout, Error> {
+        check_joints(robot, command)?;
         let goals = start.goals(command);
         Rollout::prepared(robot, policy, (command, goals), start, config)
     }
@@ -337,6 +338,7 @@ impl Rollout {
     /// # Errors
     /// As [`Rollout::new`]; the rollout is then unchanged.
     pub fn set_command(&mut self, command: &Command) -> Result<usize, Error> {
+        check_joints(&self.robot, command)?;
         self.set_goals(command, self.start.goals(command))
     }
 

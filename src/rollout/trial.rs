@@ -22,7 +22,7 @@ pub struct Trial {
     pub precision: Option<f64>,
     /// In clips with dropouts, the mean error over goals and the likely motion in dropouts, rad or m.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub restored: Option<f64>,
+    pub with_dropouts: Option<f64>,
     /// Penalty of its motion, rad or m: for overshoot, long paths and jerk in gaps, for a missed frame and
     /// for motion within holds. 0 if the motion is within the limits.
     pub gaps: f64,
@@ -38,7 +38,7 @@ impl Trial {
         Trial {
             policy: policy.label(),
             precision: errors.map(|e| e.0),
-            restored: errors.map(|e| e.1).filter(|_| rollout.goals().has_dropouts()),
+            with_dropouts: errors.map(|e| e.1).filter(|_| rollout.goals().has_dropouts()),
             gaps: counted(unnatural(rollout)),
             error: None,
         }
@@ -47,12 +47,12 @@ impl Trial {
     /// A policy that could not perform it.
     pub(super) fn failed(policy: &PolicyConfig, error: Option<&Error>) -> Trial {
         let error = error.map(ToString::to_string);
-        Trial { policy: policy.label(), precision: None, restored: None, gaps: 0.0, error }
+        Trial { policy: policy.label(), precision: None, with_dropouts: None, gaps: 0.0, error }
     }
 
     /// What decides: the smaller the better.
     fn score(&self) -> Option<f64> {
-        Some(self.restored.or(self.precision)? + self.gaps)
+        Some(self.with_dropouts.or(self.precision)? + self.gaps)
     }
 
     /// The score of a motion whose Precision is not above `limit`.
@@ -103,7 +103,13 @@ mod tests {
     use super::*;
 
     fn trial(precision: f64, gaps: f64) -> Trial {
-        Trial { policy: "x".into(), precision: Some(precision), restored: None, gaps, error: None }
+        Trial {
+            policy: "x".into(),
+            precision: Some(precision),
+            with_dropouts: None,
+            gaps,
+            error: None,
+        }
     }
 
     #[test]

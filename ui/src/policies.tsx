@@ -167,7 +167,7 @@ function Tries() {
 function Compared() {
   const r = store.rollout.value;
   if (r?.phase !== "done" || r.tried.length === 0) return null;
-  const error = (t: Trial): number => t.restored ?? t.precision ?? Number.POSITIVE_INFINITY;
+  const error = (t: Trial): number => t.with_dropouts ?? t.precision ?? Number.POSITIVE_INFINITY;
   const score = (t: Trial): number => error(t) + t.gaps;
   const rows = [...r.tried].sort((a, b) => score(a) - score(b));
   return (
@@ -202,9 +202,9 @@ const gapsInWords = (t: Trial): string =>
 
 /** The error with the frames that a recording lacks, which the choice counts as well. */
 const restoredInWords = (t: Trial): string =>
-  t.restored === undefined
+  t.with_dropouts === undefined
     ? ""
-    : `; with the frames that the recording lacks its error is ${store.shownError(t.restored, store.unit.value)}`;
+    : `; with the frames that the recording lacks its error is ${store.shownError(t.with_dropouts, store.unit.value)}`;
 
 function Cards({ title, list }: { title: string; list: Choice[] }) {
   const { now, choose } = choices();

@@ -153,8 +153,6 @@ fn an_edit_resimulates_only_what_it_can_change() {
     assert!(planned > 20, "policies that see the plan hardly keep a frame: {planned}");
 }
 
-/// A rollout with corrections that goes on from another one has the bits of one from the start,
-/// also with a policy that remembers.
 /// A wave of every joint, as recorded, without these frames.
 fn recording(robot: &Robot, hidden: &[usize]) -> Command {
     let waves: Vec<(usize, f64)> = (0..70)
@@ -206,9 +204,11 @@ fn motions_are_compared_by_goals_and_dropouts() {
     // Neither is a dropout a gap in which a joint could overshoot.
     assert!((30..33).all(|f| rollout.sought().any_visible(f) && !rollout.goals().any_visible(f)));
     let trial = crate::Trial::of(&PolicyConfig::new(PolicyName::Pd), &rollout);
-    assert_eq!((trial.precision, trial.restored), (Some(precision), Some(error)));
+    assert_eq!((trial.precision, trial.with_dropouts), (Some(precision), Some(error)));
 }
 
+/// A rollout with corrections that goes on from another one has the bits of one from the start,
+/// also with a policy that remembers.
 #[test]
 fn a_branch_has_the_bits_of_a_rollout_from_the_start() {
     for (id, name) in [("shadow_hand", PolicyName::Pd), ("ur5e", PolicyName::Ilqr)] {

@@ -2265,7 +2265,7 @@ export interface Trial {
   /** Its Precision, rad or m; null when it failed, or when nothing was commanded. */
   precision: number | null;
   /** In clips with dropouts, the mean error over goals and the likely motion in dropouts, rad or m. */
-  restored?: number;
+  with_dropouts?: number;
 }
 
 /** The unit of one joint coordinate. */
