@@ -320,12 +320,12 @@ impl Goals {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::super::gap::Gap;
     use super::*;
 
     /// One joint; `None` is masked.
-    fn goals(rows: &[Option<f32>], start: f32) -> Goals {
+    pub(in super::super) fn goals(rows: &[Option<f32>], start: f32) -> Goals {
         let q: Vec<f32> = rows.iter().map(|v| v.unwrap_or(0.0)).collect();
         let visible: Vec<bool> = rows.iter().map(Option::is_some).collect();
         Goals::new(&Command::from_dense(vec!["a".into()], vec![start], q, visible).unwrap())

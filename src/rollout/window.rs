@@ -174,15 +174,9 @@ impl Window {
 
 #[cfg(test)]
 mod tests {
+    use super::super::goals::tests::goals;
     use super::*;
     use robert_clip::Command;
-
-    /// One joint; `None` is masked.
-    fn goals(rows: &[Option<f32>], start: f32) -> Goals {
-        let q: Vec<f32> = rows.iter().map(|v| v.unwrap_or(0.0)).collect();
-        let visible: Vec<bool> = rows.iter().map(Option::is_some).collect();
-        Goals::new(&Command::from_dense(vec!["a".into()], vec![start], q, visible).unwrap())
-    }
 
     fn window(goals: &Goals, t: usize, reached: f64) -> Window {
         let mut w = Window::new(1);
@@ -331,5 +325,13 @@ mod tests {
         assert!((w.command[4] - 1.0).abs() < 1e-6);
         assert!((w.command[19] - 1.0).abs() < 1e-6, "held after the last goal");
         assert!(w.visible.iter().all(|&v| v));
+    }
+
+    #[test]
+    fn a_smooth_plan_leaves_no_virtual_keyframe() {
+        let mut rows = vec![None; 60];
+        (rows[0], rows[40]) = (Some(0.0), Some(1.0));
+        assert!(window(&goals(&rows, 0.0), 10, 0.0).passing[0]);
+        assert!(!window(&goals(&rows, 0.0).smooth(), 10, 0.0).passing[0]);
     }
 }

@@ -177,7 +177,7 @@ function Compared() {
         <div
           class="take"
           key={t.policy}
-          title={`${t.policy} on the command line; ${t.error ?? gapsInWords(t)}${restoredInWords(t)}`}
+          title={`${t.policy} on the command line; ${t.error ?? gapsInWords(t)}${dropoutsInWords(t)}`}
         >
           <span class="grow name" aria-current={i === 0}>
             {i === 0 ? <Icon of={Check} size={13} /> : null} {labelInWords(t.policy)}
@@ -201,7 +201,7 @@ const gapsInWords = (t: Trial): string =>
     : "its motion between the goals is calm";
 
 /** The error with the frames that a recording lacks, which the choice counts as well. */
-const restoredInWords = (t: Trial): string =>
+const dropoutsInWords = (t: Trial): string =>
   t.with_dropouts === undefined
     ? ""
     : `; with the frames that the recording lacks its error is ${store.shownError(t.with_dropouts, store.unit.value)}`;
