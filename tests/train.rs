@@ -438,6 +438,8 @@ fn options_of_a_network_are_refused_elsewhere() {
     assert!(eval("robert:x+ahead=0+guide").fails(2).stderr.contains("ahead takes 1 to 20"));
     assert!(eval("robert:x+sample+mean").fails(2).stderr.contains("exclude each other"));
     assert!(eval("pd+ahead=2").fails(2).stderr.contains("only for robert"));
+    assert!(eval("robert:x+observer=101").fails(2).stderr.contains("0 to 100 percent"));
+    assert!(eval("pd+observer=30").fails(2).stderr.contains("only for robert and ridge"));
     assert!(eval("pd+sampel").fails(2).stderr.contains("+sample"));
     assert!(eval("robert:x+foo").fails(2).stderr.contains("+sample"));
     assert!(

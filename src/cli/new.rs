@@ -47,8 +47,8 @@ const PROBE_STEPS: u64 = 12;
 const UNDAMPED_HISTORY: usize = 6;
 /// The share of the given minutes for training steps; the rest is for evaluation.
 const PLANNED: f64 = 0.85;
-/// Seeds of the trial clips on which policies are compared. Seed 0 is not among them: it chose the
-/// penalty and the checkpoint, so the learned policies would look too good on it.
+/// Seeds of the trial clips on which policies are compared. The seeds that chose penalty and
+/// checkpoint are not among them, because the learned policies would look too good on those.
 const CHOOSE: [u64; 2] = [2, 3];
 /// Seed of the trial clips of the report.
 const REPORT: u64 = 1;
@@ -400,6 +400,7 @@ fn teach(
             ridge_history: instant.ridge_history,
             ridge_penalty: instant.ridge_penalty,
             leave_pressing: instant.leave_pressing,
+            observer: instant.observer,
             ..preset
         };
         // A few steps, which are thrown away, measure the speed of this machine.

@@ -118,10 +118,19 @@ pub struct Card {
     /// The effect of actions, and the usual speeds; a policy without it uses goals unchanged.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reach: Option<Reach>,
+    /// Percent that the newest frame counts in the disturbance that the policy adds to each action;
+    /// 0 is off. See [`super::observer`].
+    #[serde(default, skip_serializing_if = "is_off")]
+    pub observer: u8,
     /// Meaning of the actions.
     pub action: String,
     /// Training record.
     pub training: TrainingCard,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_off(observer: &u8) -> bool {
+    *observer == 0
 }
 
 impl Card {
@@ -155,6 +164,7 @@ impl Card {
             normaliser,
             usual: Vec::new(),
             reach: None,
+            observer: 0,
             action: "[-1, 1] scaled to ctrlrange".into(),
             training,
         }

@@ -13,6 +13,7 @@ use super::encode::EncodeScratch;
 use super::forward::{Forward, Forwards};
 use super::head::{self, Choice};
 use super::model::Net;
+use super::observer::{BACK, Observer, SEEN};
 use super::single::{Panels, Single};
 use super::{Encoder, Error};
 use robert_base::rng::{Rng, Stream};
@@ -44,6 +45,9 @@ pub struct NetPolicyConfig {
     pub ensemble: usize,
     /// The prediction of j windows ago counts exp(−decay j).
     pub ensemble_decay: f64,
+    /// Percent that the newest frame counts in the disturbance that is added to each action; 0 is
+    /// off. See [`super::observer`].
+    pub observer: u8,
     /// Threads that share one window.
     pub threads: Threads,
 }
@@ -56,6 +60,7 @@ impl Default for NetPolicyConfig {
             seed: 0,
             ensemble: 1,
             ensemble_decay: 0.5,
+            observer: 0,
             threads: Threads::One,
         }
     }
@@ -82,23 +87,35 @@ pub struct NetPolicy {
     windows: usize,
     /// Earlier actions, oldest first, up to (30, A); empty unless the network uses them.
     applied: Vec<f32>,
+    observer: Option<Observer>,
+    /// What the network says that the observed frame's action was, (A).
+    inferred: Vec<f32>,
 }
 
 impl NetPolicy {
     /// Packs the weights for inference.
     ///
     /// # Errors
-    /// [`Error::Config`] when network and encoder disagree or the ensemble is too large.
+    /// [`Error::Config`] when network and encoder disagree, the ensemble is too large, or the network
+    /// sees the actions that an observer would infer.
     pub fn new(net: Net<f32>, encoder: Encoder, cfg: NetPolicyConfig) -> Result<Self, Error> {
         encoder.check(&net.cfg)?;
         if !(1..=COMMAND + 1).contains(&cfg.ensemble) {
             let why = format!("{} is not in 1..={}", cfg.ensemble, COMMAND + 1);
             return Err(Error::Config { field: "ensemble", why });
         }
+        if cfg.observer > 0 && encoder.sees_actions() {
+            let why =
+                "the network sees past actions, so it has not learned to infer them".to_owned();
+            return Err(Error::Config { field: "observer", why });
+        }
         let e = cfg.ensemble;
+        let observer = Observer::new(cfg.observer, net.cfg.actions);
+        let used = CURRENT - observer.as_ref().map_or(0, |_| BACK)..CURRENT + e;
         let (panels, net) = (Arc::new(Panels::new(&net)), Arc::new(net));
         let n = &net.cfg;
-        let on = |threads| Single::new(Arc::clone(&net), Arc::clone(&panels), e, threads);
+        let on =
+            |threads| Single::new(Arc::clone(&net), Arc::clone(&panels), used.clone(), threads);
         Ok(NetPolicy {
             scratch: encoder.scratch(),
             batch: Batch::zeros(n, 1),
@@ -113,6 +130,8 @@ impl NetPolicy {
             past: vec![0.0; e * e * n.actions],
             windows: 0,
             applied: Vec::with_capacity(CURRENT * n.actions),
+            observer,
+            inferred: vec![0.0; n.actions],
             cfg,
             net,
             encoder: Arc::new(encoder),
@@ -144,17 +163,23 @@ impl NetPolicy {
     pub fn reset(&mut self, seed: u64) {
         self.windows = 0;
         self.applied.clear();
+        if let Some(observer) = &mut self.observer {
+            observer.reset();
+        }
         self.cfg.seed = seed;
     }
 
     /// The state that is kept from step to step: predictions of past windows if they are averaged,
-    /// and earlier actions if the network uses them. It is empty for most policies.
+    /// earlier actions if the network uses them, and what its observer saw. It is empty for most
+    /// policies.
     pub fn memory(&self) -> Vec<f64> {
-        if self.cfg.ensemble == 1 && !self.encoder.sees_actions() {
+        if self.cfg.ensemble == 1 && !self.encoder.sees_actions() && self.observer.is_none() {
             return Vec::new();
         }
         let all = self.past.iter().chain(&self.applied).map(|&x| f64::from(x));
-        std::iter::once(self.windows as f64).chain(all).collect()
+        // A network has either an observer or an action history.
+        let seen = self.observer.iter().flat_map(Observer::memory);
+        std::iter::once(self.windows as f64).chain(all).chain(seen).collect()
     }
 
     /// Restores an earlier state.
@@ -165,8 +190,12 @@ impl NetPolicy {
         for (to, &x) in self.past.iter_mut().zip(past) {
             *to = x as f32;
         }
-        self.applied.clear();
-        self.applied.extend(applied.iter().map(|&x| x as f32));
+        if let Some(observer) = &mut self.observer {
+            observer.recall(applied);
+        } else {
+            self.applied.clear();
+            self.applied.extend(applied.iter().map(|&x| x as f32));
+        }
     }
 
     /// Tells the network which action was applied in the last frame, if it was not the result of
@@ -176,6 +205,9 @@ impl NetPolicy {
         for (to, &x) in self.applied[last..].iter_mut().zip(action) {
             *to = x as f32;
         }
+        if let Some(observer) = &mut self.observer {
+            observer.replace(action.iter().map(|&x| x as f32));
+        }
     }
 
     /// The action to apply now, in [−1, 1]: positions `q` (51, S), visible where `visible`
@@ -184,7 +216,9 @@ impl NetPolicy {
         let applied = &self.applied;
         self.encoder.encode(q, visible, applied, &mut self.scratch, &mut self.batch, 0);
         let (a, e, k) = (self.net.cfg.actions, self.cfg.ensemble, self.net.cfg.outputs());
-        let computed = self.forward.as_ref().and_then(|f| f.run(&self.batch, CURRENT..CURRENT + e));
+        let back = self.observer.as_ref().map_or(0, |_| BACK);
+        let rows = CURRENT - back..CURRENT + e;
+        let computed = self.forward.as_ref().and_then(|f| f.run(&self.batch, rows));
         let out = if let Some(computed) = &computed {
             computed
         } else {
@@ -196,25 +230,31 @@ impl NetPolicy {
             }
             out
         };
+        let decode = |frame: usize, choice: Choice, to: &mut [f32]| {
+            let at = frame - (CURRENT - back);
+            let linear = &self.batch.linear;
+            head::decode(
+                &self.net.cfg,
+                &self.net.centres,
+                &out[at * k..(at + 1) * k],
+                if linear.is_empty() { &[] } else { &linear[frame * a..(frame + 1) * a] },
+                choice,
+                to,
+            );
+        };
+        let settled = if self.cfg.mean_bins { Choice::Mean } else { Choice::Argmax };
+        if back > 0 {
+            decode(SEEN, settled, &mut self.inferred);
+        }
         self.past.copy_within(..(e - 1) * e * a, e * a);
         for j in 0..e {
             let choice = if self.cfg.sample_bins {
                 let index = step * (COMMAND as u64 + 1) + j as u64;
                 Choice::Sample(Rng::new(self.cfg.seed, Stream::Bin, index).uniform())
-            } else if self.cfg.mean_bins {
-                Choice::Mean
             } else {
-                Choice::Argmax
+                settled
             };
-            let row = (CURRENT + j) * a;
-            head::decode(
-                &self.net.cfg,
-                &self.net.centres,
-                &out[j * k..(j + 1) * k],
-                if self.batch.linear.is_empty() { &[] } else { &self.batch.linear[row..row + a] },
-                choice,
-                &mut self.past[j * a..(j + 1) * a],
-            );
+            decode(CURRENT + j, choice, &mut self.past[j * a..(j + 1) * a]);
         }
         self.windows = (self.windows + 1).min(e);
         let mut total = 0.0;
@@ -228,6 +268,10 @@ impl NetPolicy {
             self.action.iter_mut().zip(said).for_each(|(to, x)| *to += weight * x);
         }
         self.action.iter_mut().for_each(|x| *x /= total);
+        if let Some(observer) = &mut self.observer {
+            observer.correct(&self.inferred, &mut self.action);
+            observer.remember(self.action.iter().copied());
+        }
         if self.encoder.sees_actions() {
             if self.applied.len() == CURRENT * a {
                 self.applied.drain(..a);
@@ -289,8 +333,8 @@ mod tests {
         (q, visible)
     }
 
-    /// The action of frame 30 + ahead, computed with the training code.
-    fn slow(net: &Net<f32>, encoder: &Encoder, index: u64, ahead: usize) -> Vec<f32> {
+    /// The action of a frame of the window, computed with the training code.
+    fn slow(net: &Net<f32>, encoder: &Encoder, index: u64, frame: usize) -> Vec<f32> {
         let (q, visible) = window(index);
         let mut batch = Batch::zeros(&net.cfg, 1);
         encoder.encode(&q, &visible, &[], &mut encoder.scratch(), &mut batch, 0);
@@ -298,7 +342,7 @@ mod tests {
         forward(net, &TrainPanels::new(net), &batch, &mut arena);
         let k = net.cfg.outputs();
         let mut action = vec![0.0; 2];
-        let out = &arena.out[(CURRENT + ahead) * k..][..k];
+        let out = &arena.out[frame * k..][..k];
         head::decode(&net.cfg, &net.centres, out, &[], Choice::Argmax, &mut action);
         action
     }
@@ -312,7 +356,7 @@ mod tests {
             for index in 0..5 {
                 let (q, visible) = window(index);
                 let got = policy.act(&q, &visible, index).to_vec();
-                let want = slow(&net, &encoder, index, 0);
+                let want = slow(&net, &encoder, index, CURRENT);
                 for (g, w) in got.iter().zip(&want) {
                     assert!((g - w).abs() < 1e-5, "{got:?} {want:?}");
                 }
@@ -337,6 +381,56 @@ mod tests {
                 assert_eq!(want, faster.act(&q, &visible, index));
             }
         }
+    }
+
+    #[test]
+    fn an_observer_infers_the_action_of_an_earlier_frame() {
+        for (bins, mixing) in [(1, Mixing::Attention), (5, Mixing::Attention), (1, Mixing::None)] {
+            let (net, encoder) = parts(bins, mixing);
+            let make = |observer| {
+                let cfg = NetPolicyConfig { observer, ..NetPolicyConfig::default() };
+                NetPolicy::new(net.clone(), encoder.clone(), cfg).unwrap()
+            };
+            let (mut plain, mut policy) = (make(0), make(40));
+            policy.reset(0);
+            let mut observer = Observer::new(40, 2).unwrap();
+            let mut half = Vec::new();
+            for index in 0..8 {
+                if index == 5 {
+                    half = policy.memory();
+                }
+                let (q, visible) = window(index);
+                let mut want = plain.act(&q, &visible, index).to_vec();
+                observer.correct(&slow(&net, &encoder, index, SEEN), &mut want);
+                let got = policy.act(&q, &visible, index);
+                assert!(
+                    got.iter().zip(&want).all(|(g, w)| (g - w).abs() < 1e-5),
+                    "{got:?} {want:?}"
+                );
+                // Noise is added to what the policy says.
+                let noisy: Vec<f32> = got.iter().map(|x| 0.9 * x + 0.05).collect();
+                policy.applied(&noisy.iter().map(|&x| f64::from(x)).collect::<Vec<_>>());
+                observer.remember(noisy);
+            }
+            assert!(observer.memory().take(2).any(|d| d.abs() > 1e-3), "it sees something");
+            // From the middle it goes on as before.
+            let end = policy.memory();
+            policy.recall(&half);
+            for index in 5..8 {
+                let (q, visible) = window(index);
+                let noisy: Vec<f64> = policy
+                    .act(&q, &visible, index)
+                    .iter()
+                    .map(|x| f64::from(0.9 * x + 0.05))
+                    .collect();
+                policy.applied(&noisy);
+            }
+            assert_eq!(policy.memory(), end);
+        }
+        let (net, encoder) = seeing(1, Mixing::Attention, true);
+        let cfg = NetPolicyConfig { observer: 40, ..NetPolicyConfig::default() };
+        let refused = NetPolicy::new(net, encoder, cfg).unwrap_err();
+        assert!(refused.to_string().contains("observer"), "{refused}");
     }
 
     #[test]
@@ -438,7 +532,8 @@ mod tests {
             got = policy.act(&q, &visible, index).to_vec();
         }
         let weights: Vec<f32> = (0..3).map(|j| (-0.7 * j as f32).exp()).collect();
-        let said: Vec<_> = (0..3).map(|j| slow(&net, &encoder, 3 - j as u64, j)).collect();
+        let said: Vec<_> =
+            (0..3).map(|j| slow(&net, &encoder, 3 - j as u64, CURRENT + j)).collect();
         for i in 0..2 {
             let want: f32 = said.iter().zip(&weights).map(|(s, w)| s[i] * w).sum::<f32>()
                 / weights.iter().sum::<f32>();

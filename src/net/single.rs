@@ -1,7 +1,7 @@
 //! Inference of one window, with minimal latency.
 //!
 //! In the last layer, queries, outputs and the feed-forward part are computed only for tokens whose
-//! actions are used; the other tokens give keys and values. Weights are packed once, and a step
+//! actions are used, a range around the current one; the other tokens give keys and values. Weights are packed once, and a step
 //! allocates no buffer. With two threads each computes some of the frames. Everything except
 //! attention is computed frame by frame, so the threads meet once per layer to exchange keys and
 //! values. One thread and two perform the same operations on every number, so the bits are equal.
@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::batch::Batch;
-use super::config::{CURRENT, Mixing, NetConfig, WINDOW};
+use super::config::{Mixing, NetConfig, WINDOW};
 use super::helper_thread::{HelperThread, until};
 use super::model::{Net, place};
 use super::params::LayerAt;
@@ -50,7 +50,7 @@ struct LayerPanels {
 pub(super) struct Single {
     net: Arc<Net<f32>>,
     panels: Arc<Panels>,
-    /// Frames of this thread, the current one and all later among them.
+    /// Frames of this thread, all that are used among them.
     own: Share,
     /// Frames of the other thread, if it takes some.
     other: Option<Other>,
@@ -69,8 +69,8 @@ struct Other {
 #[derive(Clone, Debug)]
 struct Share {
     rows: Range<usize>,
-    /// Tokens whose actions are used, from the current one on; 0 in a share without them.
-    used: usize,
+    /// Tokens whose actions are used; none in a share without them.
+    used: Range<usize>,
     tokens: Aligned<f32>, // (rows, inputs)
     masked: Vec<bool>,
     x: Aligned<f32>,     // (rows, d), residual stream
@@ -88,26 +88,28 @@ struct Share {
 impl Clone for Single {
     fn clone(&self) -> Self {
         let threads = 1 + usize::from(self.other.is_some());
-        Single::new(Arc::clone(&self.net), Arc::clone(&self.panels), self.own.used, threads)
+        let used = self.own.used.clone();
+        Single::new(Arc::clone(&self.net), Arc::clone(&self.panels), used, threads)
     }
 }
 
 impl Single {
-    /// Room for one window of which `used` tokens from the current one on give actions, on
-    /// `threads` (1 or 2) threads.
+    /// Room for one window of which the tokens `used`, none of them before [`FIRST`], give actions,
+    /// on `threads` (1 or 2) threads.
     pub(super) fn new(
         net: Arc<Net<f32>>,
         panels: Arc<Panels>,
-        used: usize,
+        used: Range<usize>,
         threads: usize,
     ) -> Single {
+        assert!(used.start >= FIRST && used.end <= WINDOW, "{used:?}");
         let cfg = &net.cfg;
         // Without attention the threads have nothing to exchange and would never meet.
         if threads < 2 || cfg.mixing == Mixing::None {
             return Single { own: Share::new(cfg, 0..WINDOW, used), other: None, net, panels };
         }
         let other = Other {
-            share: Arc::new(Mutex::new(Share::new(cfg, 0..FIRST, 0))),
+            share: Arc::new(Mutex::new(Share::new(cfg, 0..FIRST, 0..0))),
             meeting: Arc::new(Meeting::new(cfg.width)),
             thread: None,
         };
@@ -121,7 +123,7 @@ impl Single {
         {
             tracing::warn!("cannot start a second thread: {e}");
             let (net, panels) = (Arc::clone(&self.net), Arc::clone(&self.panels));
-            *self = Single::new(net, panels, self.own.used, 1);
+            *self = Single::new(net, panels, self.own.used.clone(), 1);
         }
         self.own.take(&self.net.cfg, batch);
         let Some(Other { share, meeting, thread: Some(thread) }) = &self.other else {
@@ -206,11 +208,10 @@ impl Drop for Present<'_> {
 }
 
 impl Share {
-    fn new(cfg: &NetConfig, rows: Range<usize>, used: usize) -> Share {
+    fn new(cfg: &NetConfig, rows: Range<usize>, used: Range<usize>) -> Share {
         let d = cfg.width;
         let zeros = |cols: usize| Aligned::zeros(rows.len() * cols);
         Share {
-            used,
             tokens: zeros(cfg.inputs),
             masked: vec![false; rows.len()],
             x: zeros(d),
@@ -221,7 +222,8 @@ impl Share {
             mixed: zeros(d),
             wide: zeros(4 * d),
             act: zeros(4 * d),
-            out: Aligned::zeros(used * cfg.outputs()),
+            out: Aligned::zeros(used.len() * cfg.outputs()),
+            used,
             stats: vec![[0.0; 2]; rows.len()],
             rows,
         }
@@ -250,8 +252,11 @@ impl Share {
         for (l, (at, p)) in at.layers.iter().zip(&panels.layers).enumerate() {
             // In the last layer only the used tokens have queries and continue.
             let last = l + 1 == panels.layers.len();
-            let (first, count) =
-                if last { (CURRENT.max(rows.start) - rows.start, self.used) } else { (0, n) };
+            let (first, count) = if last {
+                (self.used.start.saturating_sub(rows.start), self.used.len())
+            } else {
+                (0, n)
+            };
             if cfg.mixing == Mixing::Attention {
                 let [weight, bias] = [part(&at.ln1_weight), part(&at.ln1_bias)];
                 simd::layer_norm(&self.x, weight, bias, &mut self.y, &mut self.stats);
@@ -290,7 +295,8 @@ impl Share {
             }
             self.feed_forward(net, at, p, count);
         }
-        let (e, x) = (self.used, &self.x[..self.used * d]);
+        let e = self.used.len();
+        let x = &self.x[..e * d];
         let y = &mut self.y[..e * d];
         simd::layer_norm(x, part(&at.norm_weight), part(&at.norm_bias), y, &mut self.stats);
         gemm_packed(

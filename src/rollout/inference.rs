@@ -24,6 +24,9 @@ pub struct Inference {
     /// Scale the linear prediction by the ratio of applied to predicted actions in the past; for
     /// `ridge`.
     pub gain: bool,
+    /// Percent that the newest frame counts in the disturbance that is added to each action, as in
+    /// [`robert_net::observer`]; for `ridge`, too. `None` is what the model's file says.
+    pub observer: Option<u8>,
     /// Threads that share one window; the action is the same to the last bit.
     pub threads: Threads,
 }
@@ -37,6 +40,7 @@ impl Default for Inference {
             masks: false,
             ahead: 0,
             gain: false,
+            observer: None,
             threads: Threads::One,
         }
     }
@@ -52,6 +56,7 @@ impl Inference {
             ensemble: self.ensemble,
             sample_bins: self.sample,
             mean_bins: self.mean,
+            observer: self.observer.unwrap_or(model.card.observer),
             threads: self.threads,
             ..NetPolicyConfig::default()
         };

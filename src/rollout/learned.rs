@@ -9,10 +9,11 @@ use super::policy::{Policy, View};
 use super::reachable::Reachable;
 use super::window::Window;
 use robert_net::forward::Forwards;
+use robert_net::observer::SEEN;
 use robert_net::reach::Reach;
 use robert_net::{
     self as net, ActionHistory, COMMAND, CURRENT, Encoder, HISTORY, MaskGranularity, Model,
-    RobotCard, WINDOW, checkpoint,
+    Observer, RobotCard, WINDOW, checkpoint,
 };
 use robert_robot::Robot;
 
@@ -227,6 +228,7 @@ pub struct Linear {
     /// The actions of the last frames, oldest first, (at most 30, A), if the prediction is scaled by
     /// what they reveal.
     past: Option<Vec<f32>>,
+    observer: Option<Observer>,
     card: Option<String>,
 }
 
@@ -249,15 +251,25 @@ impl Linear {
             answer: vec![0.0; encoder.tokens.facts().actions],
             encoder: Arc::new(encoder),
             past: None,
+            observer: None,
             card: None,
         })
     }
 
-    /// Adds the card of its model.
+    /// Adds the card of its model, and the observer that it names.
     #[must_use]
     pub fn with_card(self, card: &net::Card) -> Self {
         let frames = Frames::new(&self.encoder, card.reach.as_ref());
-        Linear { card: serde_json::to_string_pretty(card).ok(), frames, ..self }
+        let own = Linear { card: serde_json::to_string_pretty(card).ok(), frames, ..self };
+        own.with_observer(card.observer)
+    }
+
+    /// Adds the disturbance that past motion shows to each action; the newest frame counts `percent`
+    /// in it, and 0 is off.
+    #[must_use]
+    pub fn with_observer(self, percent: u8) -> Self {
+        let observer = Observer::new(percent, self.answer.len());
+        Linear { observer, ..self }
     }
 
     /// Scales each actuator's prediction by the ratio of applied to predicted actions over the last
@@ -283,7 +295,29 @@ impl Linear {
             let gain = gain.as_ref().map_or(1.0, |g| 1.0 + g.gain()[j]);
             *to = f64::from((gain * x).clamp(-1.0, 1.0));
         }
+        self.observe(gain.as_ref(), action);
         self.remember(action);
+    }
+
+    /// Adds the disturbance that the window which was just read reveals to `action`, (A).
+    fn observe(&mut self, gain: Option<&ActionHistory>, action: &mut [f64]) {
+        let (Some(observer), Some(ridge)) = (&mut self.observer, &self.encoder.ridge) else {
+            return;
+        };
+        let mut inferred = vec![0.0; action.len()];
+        ridge.answers(
+            &self.encoder.tokens,
+            &self.scratch,
+            SEEN..SEEN + 1,
+            &mut self.features,
+            &mut inferred,
+        );
+        if let Some(gain) = gain {
+            inferred.iter_mut().zip(gain.gain()).for_each(|(x, g)| *x *= 1.0 + g);
+        }
+        let mut sum: Vec<f32> = action.iter().map(|&x| x as f32).collect();
+        observer.correct(&inferred, &mut sum);
+        action.iter_mut().zip(&sum).for_each(|(to, &x)| *to = f64::from(x));
     }
 
     /// What the past of the window that was just read reveals.
@@ -311,6 +345,9 @@ impl Linear {
             past.extend(action.iter().map(|&x| x as f32));
             past.drain(..past.len().saturating_sub(most));
         }
+        if let Some(observer) = &mut self.observer {
+            observer.remember(action.iter().map(|&x| x as f32));
+        }
     }
 }
 
@@ -329,6 +366,9 @@ impl Policy for Linear {
 
     fn reset(&mut self, _seed: u64) {
         self.past.iter_mut().for_each(Vec::clear);
+        if let Some(observer) = &mut self.observer {
+            observer.reset();
+        }
     }
 
     fn fork(&self) -> Option<Box<dyn Policy>> {
@@ -341,20 +381,33 @@ impl Policy for Linear {
     }
 
     fn applied(&mut self, action: &[f64]) {
+        let narrow = || action.iter().map(|&x| x as f32);
         if let Some(past) = &mut self.past {
             past.truncate(past.len().saturating_sub(action.len()));
+            past.extend(narrow());
         }
-        self.remember(action);
+        if let Some(observer) = &mut self.observer {
+            observer.replace(narrow());
+        }
     }
 
     fn memory(&self) -> Vec<f64> {
-        self.past.iter().flatten().map(|&x| f64::from(x)).collect()
+        let past = self.past.iter().flatten().map(|&x| f64::from(x));
+        let Some(observer) = &self.observer else { return past.collect() };
+        let seen: Vec<f64> = observer.memory().collect();
+        std::iter::once(seen.len() as f64).chain(seen).chain(past).collect()
     }
 
     fn recall(&mut self, memory: &[f64]) {
+        let mut rest = memory;
+        if let (Some(observer), Some((&seen, all))) = (&mut self.observer, memory.split_first()) {
+            let (seen, past) = all.split_at((seen as usize).min(all.len()));
+            observer.recall(seen);
+            rest = past;
+        }
         if let Some(past) = &mut self.past {
             past.clear();
-            past.extend(memory.iter().map(|&x| x as f32));
+            past.extend(rest.iter().map(|&x| x as f32));
         }
     }
 }
@@ -512,6 +565,35 @@ mod tests {
         changed.set_command(&of(task)).unwrap();
         changed.run(&cancel).unwrap();
         assert_eq!(changed.actions(), run("ridge+gain", task).actions());
+    }
+
+    #[test]
+    fn an_observer_holds_a_load_that_the_model_does_not_know() {
+        let robot = Arc::new(Robot::builtin("ur5e").unwrap());
+        let of = |task| robert_clip::compile(&crate::tasks::find(task, None).unwrap()).unwrap();
+        let plant = robert_robot::PlantConfig { payload: 3.0, ..Default::default() };
+        let cancel = robert_base::progress::Cancel::default();
+        let run = |policy: &str, task| {
+            let policy: crate::PolicyConfig = policy.parse().unwrap();
+            let policy = policy.build(&robot).unwrap();
+            let config = RolloutConfig { plant, ..RolloutConfig::default() };
+            let mut r = Rollout::new(&robot, policy, &of(task), Start::Pose, config).unwrap();
+            r.run(&cancel).unwrap();
+            r
+        };
+        let (task, other) = ("ur5e/ellipse_air", "ur5e/drift");
+        let error = |policy: &str| run(policy, task).precision().precision.unwrap();
+        for policy in ["ridge", "robert"] {
+            let (without, with) = (error(policy), error(&format!("{policy}+observer=30")));
+            assert!(with < 0.4 * without, "{policy}: {with} {without}");
+        }
+        // It goes on from any frame, with what was observed before it.
+        for policy in ["ridge+observer=30", "ridge+gain+observer=30", "robert+observer=30"] {
+            let mut changed = run(policy, other);
+            changed.set_command(&of(task)).unwrap();
+            changed.run(&cancel).unwrap();
+            assert_eq!(changed.actions(), run(policy, task).actions(), "{policy}");
+        }
     }
 
     #[test]

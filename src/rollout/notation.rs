@@ -13,13 +13,12 @@ use crate::window::COMMAND;
 /// The number of windows that contain a frame: as the current frame, and as each command frame.
 const WINDOWS: usize = COMMAND + 1;
 
-const OPTIONS: &str =
-    "+guide, +smooth, +refine, +ilc, +sample, +mean, +masks, +gain, +ahead=N or +ensemble=N";
+const OPTIONS: &str = "+guide, +smooth, +refine, +ilc, +sample, +mean, +masks, +gain, +observer=N, +ahead=N or +ensemble=N";
 
 /// The last option with a number: what is before it, its name and its value.
 fn number(text: &str) -> Option<(&str, &str, &str)> {
     let (before, value) = text.rsplit_once('=')?;
-    ["ahead", "ensemble"]
+    ["ahead", "ensemble", "observer"]
         .into_iter()
         .find_map(|option| Some((before.strip_suffix(option)?.strip_suffix('+')?, option, value)))
 }
@@ -50,6 +49,11 @@ impl FromStr for PolicyConfig {
                 (rest, inference.masks) = (shorter, true);
             } else if let Some(shorter) = rest.strip_suffix("+gain") {
                 (rest, inference.gain) = (shorter, true);
+            } else if let Some((shorter, "observer", n)) = number(rest) {
+                let n = n.parse().ok().filter(|n| (0..=100).contains(n));
+                let why = "observer takes 0 to 100 percent; 0 is off";
+                inference.observer = Some(n.ok_or_else(|| wrong(why.to_owned()))?);
+                rest = shorter;
             } else if let Some((shorter, option, n)) = number(rest) {
                 let (slot, most) = match option {
                     "ahead" => (&mut inference.ahead, COMMAND),
@@ -78,7 +82,11 @@ impl FromStr for PolicyConfig {
         if inference.gain && name != PolicyName::Ridge {
             return Err(wrong("+gain is only for ridge".to_owned()));
         }
-        let own = Inference { gain: false, ..inference };
+        let learned = [PolicyName::Robert, PolicyName::Ridge].contains(&name);
+        if inference.observer.is_some() && !learned {
+            return Err(wrong("+observer=N is only for robert and ridge".to_owned()));
+        }
+        let own = Inference { gain: false, observer: None, ..inference };
         if own != Inference::default() && name != PolicyName::Robert {
             return Err(wrong(
                 "+sample, +mean, +masks, +ahead=N and +ensemble=N are only for robert".to_owned(),

@@ -127,15 +127,16 @@ impl PolicyConfig {
         let guide = self.guide.suffix();
         let ilc = if self.ilc { "+ilc" } else { "" };
         let refine = if self.refine { "+refine" } else { "" };
-        let Inference { ensemble, sample, mean, masks, ahead, gain, .. } = self.inference;
+        let Inference { ensemble, sample, mean, masks, ahead, gain, observer, .. } = self.inference;
         let sample = if sample { "+sample" } else { "" };
         let mean = if mean { "+mean" } else { "" };
         let masks = if masks { "+masks" } else { "" };
         let gain = if gain { "+gain" } else { "" };
         let ensemble = if ensemble > 1 { format!("+ensemble={ensemble}") } else { String::new() };
         let ahead = if ahead > 0 { format!("+ahead={ahead}") } else { String::new() };
+        let observer = observer.map(|n| format!("+observer={n}")).unwrap_or_default();
         let model = model.map(|m| format!(":{m}")).unwrap_or_default();
-        let of_network = format!("{sample}{mean}{masks}{gain}{ahead}{ensemble}");
+        let of_network = format!("{sample}{mean}{masks}{gain}{observer}{ahead}{ensemble}");
         format!("{}{model}{of_network}{guide}{refine}{ilc}", self.name.as_str())
     }
 
@@ -270,7 +271,8 @@ impl PolicyConfig {
             PolicyName::Ridge => {
                 let model = self.model(robot)?;
                 let linear = Linear::new(model.encoder.clone())?.with_card(&model.card);
-                Box::new(linear.with_gain(self.inference.gain))
+                let observer = self.inference.observer.unwrap_or(model.card.observer);
+                Box::new(linear.with_gain(self.inference.gain).with_observer(observer))
             }
             PolicyName::Nearest => {
                 Box::new(Nearest::open(self.needed_path()?, &learned::robot_card(robot))?)

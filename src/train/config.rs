@@ -105,6 +105,10 @@ pub struct TrainConfig {
     /// frames whose action is far from a linear function of the positions around them.
     #[serde(default)]
     pub leave_pressing: bool,
+    /// Percent that the newest frame counts in the disturbance that the policy adds to each action;
+    /// 0 is off. See [`robert_net::observer`].
+    #[serde(default, skip_serializing_if = "is_off")]
+    pub observer: u8,
     /// The tasks that choose the best checkpoint.
     #[serde(default)]
     pub select: Select,
@@ -151,6 +155,11 @@ pub enum ContactTarget {
     Linear,
 }
 
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_off(observer: &u8) -> bool {
+    *observer == 0
+}
+
 impl Default for TrainConfig {
     /// `quick`: about five minutes on two cores.
     fn default() -> Self {
@@ -187,6 +196,7 @@ impl Default for TrainConfig {
             reach: true,
             ridge_penalty: None,
             leave_pressing: false,
+            observer: 0,
             select: Select::Tasks,
             select_with: String::new(),
             seed: 0,
@@ -277,8 +287,12 @@ impl TrainConfig {
         }
         let mut table = toml::Table::try_from(&*self).map_err(|e| fail(e.to_string()))?;
         // A setting without a value is not in the table, but may be given one.
-        let given =
-            TrainConfig { ridge_penalty: Some(0.0), select_with: "+".to_owned(), ..self.clone() };
+        let given = TrainConfig {
+            ridge_penalty: Some(0.0),
+            observer: 1,
+            select_with: "+".to_owned(),
+            ..self.clone()
+        };
         let known = toml::Table::try_from(given).map_err(|e| fail(e.to_string()))?;
         let Some(old) = known.get(key) else {
             let keys: Vec<_> = known.keys().map(String::as_str).collect();
@@ -331,6 +345,11 @@ impl TrainConfig {
             () if !self.ridge_penalty.is_none_or(weight) => {
                 refuse("ridge_penalty", "must be 0 or more")
             }
+            () if self.observer > 100 => refuse("observer", "takes 0 to 100"),
+            () if self.observer > 0 && (self.previous_action || self.current_only) => refuse(
+                "observer",
+                "infers past actions, which are not learned with previous_action or current_only",
+            ),
             () if self.self_correct > 100 => refuse("self_correct", "takes 0 to 100"),
             () if !(0.0..=1.0).contains(&self.self_share) => refuse("self_share", "takes 0 to 1"),
             () if !(1..=1_000_000).contains(&self.self_tasks) => {
@@ -338,7 +357,7 @@ impl TrainConfig {
             }
             () if self.selecting_policy().is_none() => refuse(
                 "select_with",
-                "takes options of a network: +guide, +smooth, +sample, +mean, +masks, +ahead=N or +ensemble=N",
+                "takes options of a network: +guide, +smooth, +sample, +mean, +masks, +observer=N, +ahead=N or +ensemble=N",
             ),
             () if self.seed > i64::MAX as u64 => refuse("seed", "takes 63 bits"),
             () => Ok(()),

@@ -1,10 +1,12 @@
-//! Chooses the penalty of the linear prediction in closed loop, and the frames that it learns from.
+//! Chooses the penalty of the linear prediction in closed loop, the frames that it learns from, and
+//! whether it observes disturbances.
 //!
 //! The linear map that fits recorded motion best may have so much gain that it oscillates on a
 //! robot with light joints behind heavy ones: it answers every error with the torque that would
 //! remove it within one frame. A larger penalty lowers the gain. Frames that press instead of moving
-//! spoil the map on some robots, and on others they are merely fast. Only simulation shows what is
-//! best, so the candidates perform the evaluator's clips.
+//! spoil the map on some robots, and on others they are merely fast. An observer removes what stays
+//! of an error while the robot holds still, but may make light joints oscillate. Only simulation shows
+//! what is best, so the candidates perform the evaluator's clips.
 
 use super::fitted_ridge::{FittedRidge, ridge_config};
 use super::prepare::{Side, assemble, tokeniser};
@@ -18,6 +20,10 @@ use robert_net::{Model, SkipKind};
 
 /// Penalties per sample that are tried besides the usual one.
 const CANDIDATES: [f64; 4] = [1e-6, 1e-3, 1e-2, 5e-2];
+/// Percent that the newest frame counts in the observed disturbance: tried with each penalty, and
+/// then with the best one.
+const OBSERVER: u8 = 30;
+const OTHER_OBSERVERS: [u8; 2] = [10, 50];
 /// Another fit is chosen if its error is below this share of the usual one's.
 const WORTH: f64 = 0.9;
 /// The parts of the progress that a fit of all candidates counts as.
@@ -32,14 +38,34 @@ struct Choice {
     ridge_penalty: Option<f64>,
     /// Whether frames that press are left out.
     leave_pressing: bool,
+    /// See [`robert_net::observer`].
+    observer: u8,
 }
 
 impl Choice {
     /// Settings with this choice.
     fn on(self, cfg: TrainConfig) -> TrainConfig {
-        let Choice { ridge_penalty, leave_pressing } = self;
-        TrainConfig { ridge_penalty, leave_pressing, ..cfg }
+        let Choice { ridge_penalty, leave_pressing, observer } = self;
+        TrainConfig { ridge_penalty, leave_pressing, observer, ..cfg }
     }
+}
+
+/// The error of the linear prediction of `model` with this observer on the evaluator's clips.
+fn error(
+    model: &mut Model,
+    observer: u8,
+    evaluator: &mut dyn Evaluate,
+    cancel: &Cancel,
+) -> Result<f64, Error> {
+    model.card.observer = observer;
+    let found = evaluator
+        .evaluate_linear(model, cancel)
+        .map_err(|why| Error::Evaluation { step: 0, why })?;
+    // Without its errors there is no choice.
+    if cancel.is_cancelled() {
+        return Err(robert_net::Error::Stopped.into());
+    }
+    Ok(found.map_or(f64::INFINITY, |e| e.precision))
 }
 
 /// `cfg` with the best choice, and the linear prediction that was fitted with it; `None` for settings
@@ -66,9 +92,9 @@ pub fn choose(
     if pressing.share() >= SEVERAL {
         sides.push((Side::new(data, Part::Train, cfg.seed).without(pressing), true));
     }
-    let mut best = (Choice::default(), f64::INFINITY, None);
+    let mut best: Option<(Choice, f64, Model)> = None;
     // A fit of all candidates takes about as long as performing the clips with a few of them.
-    let (mut done, total) = (0, (sides.len() * (FIT + penalties.len())) as u64);
+    let (mut done, total) = (0, (sides.len() * (FIT + penalties.len()) + 1) as u64);
     for (side, leave_pressing) in sides {
         progress.tick(
             done,
@@ -82,7 +108,6 @@ pub fn choose(
         let mut model = Model { card, net, encoder, optimiser: None };
         let penalties = [None].into_iter().chain(CANDIDATES.map(Some));
         for (ridge_penalty, ridge) in penalties.zip(ridges) {
-            let choice = Choice { ridge_penalty, leave_pressing };
             progress.tick(
                 done,
                 total,
@@ -90,23 +115,29 @@ pub fn choose(
             );
             done += 1;
             model.encoder = Encoder::new(model.encoder.tokens, Some(ridge.clone()))?;
-            let found = evaluator
-                .evaluate_linear(&model, cancel)
-                .map_err(|why| Error::Evaluation { step: 0, why })?;
-            // Without its errors there is no choice.
-            if cancel.is_cancelled() {
-                return Err(robert_net::Error::Stopped.into());
-            }
-            let precision = found.map_or(f64::INFINITY, |e| e.precision);
-            if choice == Choice::default() {
-                best = (choice, WORTH * precision, Some(ridge));
-            } else if precision < best.1 {
-                best = (choice, precision, Some(ridge));
+            for observer in [0, OBSERVER] {
+                let choice = Choice { ridge_penalty, leave_pressing, observer };
+                let precision = error(&mut model, observer, evaluator, cancel)?;
+                if choice == Choice::default() {
+                    best = Some((choice, WORTH * precision, model.clone()));
+                } else if best.as_ref().is_none_or(|best| precision < best.1) {
+                    best = Some((choice, precision, model.clone()));
+                }
             }
         }
     }
-    let cfg = best.0.on(cfg.clone());
-    let linear = best.2.map(|ridge| FittedRidge::new(data, &cfg, tokens, ridge));
+    let Some((mut choice, mut least, mut model)) = best else {
+        unreachable!("at least the usual penalty was tried");
+    };
+    progress.tick(done, total, "observer");
+    for observer in OTHER_OBSERVERS {
+        let precision = error(&mut model, observer, evaluator, cancel)?;
+        if precision < least {
+            (choice.observer, least) = (observer, precision);
+        }
+    }
+    let cfg = choice.on(cfg.clone());
+    let linear = model.encoder.ridge.map(|ridge| FittedRidge::new(data, &cfg, tokens, ridge));
     Ok((cfg, linear))
 }
 
@@ -156,6 +187,38 @@ mod tests {
         }
     }
 
+    /// Likes an observer of ten percent best.
+    struct Watcher;
+
+    impl Evaluate for Watcher {
+        fn evaluate(&mut self, model: &Model, _: &Cancel) -> Result<Option<Evaluation>, String> {
+            let precision = 1.0 + f64::from(model.card.observer.abs_diff(10)) / 25.0;
+            Ok(Some(Evaluation { precision, suites: BTreeMap::new() }))
+        }
+
+        fn evaluate_linear(
+            &mut self,
+            model: &Model,
+            cancel: &Cancel,
+        ) -> Result<Option<Evaluation>, String> {
+            self.evaluate(model, cancel)
+        }
+    }
+
+    #[test]
+    fn an_observer_is_taken_where_it_pays() {
+        let dir = tempfile::tempdir().unwrap();
+        let (_, data, _) = untrained("pointmass", 0, dir.path());
+        let cfg = TrainConfig::preset("instant").unwrap();
+        let (found, linear) =
+            choose(&data, &cfg, 2, &mut Watcher, &Silent, &Cancel::default()).unwrap();
+        let want = TrainConfig { observer: 10, ..cfg };
+        assert_eq!(found, want);
+        // It is in the card of every model that is made with it.
+        let (card, ..) = prepare(&data, &found, linear.as_ref(), 2, &Cancel::default()).unwrap();
+        assert_eq!(card.observer, 10);
+    }
+
     #[test]
     fn a_larger_penalty_is_taken_only_where_it_pays() {
         let dir = tempfile::tempdir().unwrap();
@@ -165,18 +228,22 @@ mod tests {
             let mut judge = Judge { likes_small, seen: Vec::new(), reaches: Vec::new() };
             let (found, linear) =
                 choose(&data, &cfg, 2, &mut judge, &Silent, &Cancel::default()).unwrap();
-            // With all frames, then without those at the walls.
-            assert_eq!(judge.seen.len(), 10);
-            for seen in judge.seen.chunks(5) {
-                assert!(seen.windows(2).all(|w| w[1] < w[0]), "{seen:?}");
+            // With all frames, then without those at the walls; each without and with an observer. At
+            // last other observers with the best.
+            assert_eq!(judge.seen.len(), 22);
+            for seen in judge.seen[..20].chunks(10) {
+                assert!(seen.chunks(2).all(|pair| pair[0] == pair[1]), "{seen:?}");
+                assert!(seen.windows(3).step_by(2).all(|w| w[2] < w[0]), "{seen:?}");
             }
             // Each half has its own reach.
-            for half in judge.reaches.chunks(5) {
+            for half in judge.reaches[..20].chunks(10) {
                 assert!(half[0].is_some() && half.iter().all(|r| *r == half[0]));
             }
-            assert_ne!(judge.reaches[0], judge.reaches[5]);
+            assert_ne!(judge.reaches[0], judge.reaches[10]);
             let ridge_penalty = likes_small.then_some(CANDIDATES[3]);
-            assert_eq!(found, Choice { ridge_penalty, leave_pressing: false }.on(cfg.clone()));
+            // An observer that gains nothing is not taken.
+            let choice = Choice { ridge_penalty, leave_pressing: false, observer: 0 };
+            assert_eq!(found, choice.on(cfg.clone()));
             // What was fitted for the choice is what a fit with it gives.
             let tokens = tokeniser(&data, &found).unwrap();
             let taken = linear.unwrap().suiting(&data, &found, &tokens).unwrap();

@@ -157,6 +157,7 @@ pub(super) fn assemble(
     let mut card = Card::new(robot_card(robot), net_cfg, &encoder.tokens, norm, training);
     let usual = robert_dataset::usual(data, &data.part(Part::Train, cfg.seed));
     card.usual = usual.into_iter().map(|[low, high, speed]| Usual { low, high, speed }).collect();
+    card.observer = cfg.observer;
     if cfg.reach {
         card.reach = Some(Reach::fit(&card.facts, train, cfg.seed)?);
     }
