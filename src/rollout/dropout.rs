@@ -6,6 +6,7 @@
 //! several such processes, given the frames around it, each weighted by how likely it makes these frames.
 
 use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
 use std::sync::LazyLock;
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
@@ -26,6 +27,10 @@ const SPAN: usize = 2 * FARTHEST + LONGEST + 2;
 const JITTER: f64 = 1e-6;
 /// How far the motion in a dropout leaves the range of the frames around it at most, as a share of that range.
 const BEYOND: f64 = 0.1;
+/// Smooth recordings cross cubics: now and then a few windows of five frames lie on one. Where people typed a cubic, at
+/// least this many windows in a row do, or this share of all windows up to [`FARTHEST`] frames away.
+const CUBICS: usize = 4;
+const CUBIC_SHARE: f64 = 1.0 / 3.0;
 /// Positions are stored in single precision: each is off by at most half of this share.
 const ROUNDING: f64 = f32::EPSILON as f64;
 
@@ -91,16 +96,42 @@ fn dropouts(q: &[f64], visible: &[bool]) -> Vec<Dropout> {
 /// straight line nor a cubic, which people type, leads through them. Other curves count as recorded.
 fn recorded_pairs(q: &[f64], visible: &[bool]) -> Vec<bool> {
     let mut recorded: Vec<bool> = visible.windows(2).map(|p| p[0] && p[1]).collect();
-    // Frames at rest, on a line and on a cubic.
+    // Whether frames are at rest, on a line and on a cubic; `None` where some are hidden.
+    let windows = |order: usize| -> Vec<Option<bool>> {
+        let all = (0..q.len().saturating_sub(order)).map(|from| from..=from + order);
+        let seen = |frames: &RangeInclusive<usize>| visible[frames.clone()].iter().all(|v| *v);
+        all.map(|frames| seen(&frames).then(|| vanishes(&q[frames], order))).collect()
+    };
     for order in [1, 2, 4] {
-        for from in 0..q.len().saturating_sub(order) {
-            let frames = from..=from + order;
-            if visible[frames.clone()].iter().all(|v| *v) && vanishes(&q[frames], order) {
-                recorded[from..from + order].fill(false);
-            }
+        let mut lies = windows(order);
+        if order == 4 {
+            leave_crossings(&mut lies);
+        }
+        for (from, _) in lies.iter().enumerate().filter(|(_, lies)| **lies == Some(true)) {
+            recorded[from..from + order].fill(false);
         }
     }
     recorded
+}
+
+/// Leaves out windows that lie on a cubic by chance; see [`CUBICS`].
+fn leave_crossings(lies: &mut [Option<bool>]) {
+    let all = lies.to_vec();
+    let mut from = 0;
+    for run in all.chunk_by(|a, b| (*a == Some(true)) == (*b == Some(true))) {
+        let range = from..from + run.len();
+        from = range.end;
+        if run[0] != Some(true) || run.len() >= CUBICS {
+            continue;
+        }
+        let near =
+            &all[range.start.saturating_sub(FARTHEST)..(range.end + FARTHEST).min(all.len())];
+        let (seen, on) =
+            near.iter().flatten().fold((0, 0), |(n, on), l| (n + 1, on + u32::from(*l)));
+        if f64::from(on) < CUBIC_SHARE * f64::from(seen) {
+            lies[range].fill(Some(false));
+        }
+    }
 }
 
 /// Whether the difference of this order, of as many values and one, is only what rounding leaves.
@@ -281,6 +312,32 @@ mod tests {
         // A line, a gap, a short hold, and a line.
         let rest = |f: usize| f.min(20) as f64 / 20.0 + f.saturating_sub(36) as f64 / 20.0;
         assert_eq!(found(rest, 57, &(21..27).collect::<Vec<_>>()), []);
+    }
+
+    #[test]
+    fn a_slow_recording_crosses_cubics() {
+        // Twice a period its fourth differences are smaller than rounding.
+        let slow = |f: usize| 1.2 + 0.3 * (0.1 * f as f64).sin();
+        for start in 12..60 {
+            let gap: Vec<usize> = (start..start + 4).collect();
+            assert_eq!(found(slow, 80, &gap).len(), 4, "{start}");
+            // Frames are lost at other places, too.
+            let mut hidden = gap.clone();
+            hidden.extend([start - 8, start + 11]);
+            let all = found(slow, 80, &hidden);
+            for f in gap {
+                let value = all.iter().find(|(place, _)| *place == f);
+                let off = value.map(|(_, q)| (q - slow(f)).abs());
+                assert!(off.is_some_and(|off| off < 1e-4), "{start}: {f} {off:?}");
+            }
+        }
+        // Cubics through keys that are six frames apart.
+        let keys = |k: usize| [0.0, 0.5, 0.1, 0.7, 0.2][k % 5];
+        let curve = |f: usize| {
+            let (k, u) = (f / 6, (f % 6) as f64 / 6.0);
+            keys(k) + (keys(k + 1) - keys(k)) * u * u * (3.0 - 2.0 * u)
+        };
+        assert_eq!(found(curve, 80, &(38..41).collect::<Vec<_>>()), []);
     }
 
     #[test]
