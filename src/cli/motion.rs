@@ -8,7 +8,7 @@ use super::{input, output};
 use crate::clip::{Clip, Command, Invalid, parse};
 use crate::exit::HasExit;
 use crate::robot::Robot;
-use crate::rollout::{ClipFacts as _, Guide, PolicyConfig, tasks};
+use crate::rollout::{ClipFacts as _, Guide, PolicyConfig, check_joints, tasks};
 use crate::take::Take;
 use crate::units::Unit;
 
@@ -46,15 +46,15 @@ pub(super) fn clip(text: &str, robot: Option<&str>) -> Outcome<Clip> {
     })
 }
 
-/// The command of a clip, its joints in the robot's order. The rollout refuses joints that the
-/// robot does not have.
+/// The command of a clip, its joints in the robot's order; of another robot's clip the error names
+/// the file.
 pub(super) fn command(clip: &Clip, robot: &Robot, text: &str) -> Outcome<Command> {
     let command = robot.compile(clip).map_err(|e| broken(e, clip, text))?;
-    if command.dim() != robot.state_dim() {
-        return Ok(command);
-    }
     let names: Vec<String> = robot.joints().iter().map(|j| j.name.clone()).collect();
-    Ok(command.reordered(&names).unwrap_or(command))
+    let same = command.dim() == names.len();
+    let command = same.then(|| command.reordered(&names)).flatten().unwrap_or(command);
+    check_joints(robot, &command).map_err(|e| Failure::with(e.exit(), format!("{text}: {e}")))?;
+    Ok(command)
 }
 
 /// A rule that a clip breaks, with its line if the clip is in a file.

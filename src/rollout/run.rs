@@ -628,8 +628,11 @@ fn plan(goals: &Goals, guide: Guide) -> Goals {
     }
 }
 
-/// The command must name the robot's joints in the robot's order.
-fn check_joints(robot: &Robot, command: &Command) -> Result<(), Error> {
+/// Refuses a command that does not name the robot's joints in the robot's order.
+///
+/// # Errors
+/// [`Error::Joints`].
+pub fn check_joints(robot: &Robot, command: &Command) -> Result<(), Error> {
     let known: Vec<&str> = robot.joints().iter().map(|j| j.name.as_str()).collect();
     if known.iter().eq(command.joints().iter()) {
         return Ok(());
