@@ -46,7 +46,8 @@ class Policy:
         of the next 20 frames; ``mask`` (20, S) is True where there is a goal. ``velocity`` (S) is for policies that
         use a model of the robot; without it, it is computed from the last two states. Inside the gaps of a clip the
         rollout also knows the goal before the window and leads from there to the next one. Here a joint without a goal
-        is led from its own state."""
+        is led from its own state. Policies with an observer (``+observer=30``) or an ensemble remember earlier calls,
+        and assume that what they answered was applied one frame before the next call."""
         dim = len(self.robot.joints)
         past = np.ascontiguousarray(history, dtype=np.float64)
         if past.shape != (HISTORY + 1, dim):

@@ -51,6 +51,10 @@ pub(super) enum Args {
         /// a nearly linear robot they are the network's own noise.
         #[arg(long)]
         dead_zone: Option<f64>,
+        /// Add the torque that past motion shows to be missing to each action: percent that the
+        /// newest frame counts, 0 to 100; 30 is usual, and 0 is off.
+        #[arg(long, value_name = "PERCENT", value_parser = clap::value_parser!(u8).range(0..=100))]
+        observer: Option<u8>,
         /// Learn from this dataset what actions can move, for a model without that information or
         /// with that of other data.
         #[arg(long, value_name = "DATA")]
@@ -62,12 +66,16 @@ pub(super) fn run(args: &Args) -> Outcome {
     match args {
         Args::Ls { json } => ls(*json),
         Args::Show { model, json } => show(model, *json),
-        Args::Pack { run, out: to, notes, dead_zone, reach } => {
+        Args::Pack { run, out: to, notes, dead_zone, observer, reach } => {
             output::may_create(to)?;
             let mut model = checkpoint::load(&model_path(run), None)?;
             if let Some(dead_zone) = dead_zone {
                 model.card.net.dead_zone = *dead_zone;
                 model.card.net.check()?;
+            }
+            if let Some(observer) = observer {
+                model.card.may_observe(*observer)?;
+                model.card.observer = *observer;
             }
             if let Some(notes) = notes {
                 model.card.training.notes.clone_from(notes);
@@ -166,6 +174,13 @@ fn show(model: &str, json: bool) -> Outcome {
         ("robot", card.robot.id.clone()),
         ("for", case(&card).0.to_owned()),
         ("state, action", format!("{}, {}", card.facts.joints.len(), card.facts.actions)),
+        (
+            "observer",
+            match card.observer {
+                0 => "off".to_owned(),
+                percent => format!("{percent} % (off: --policy robert:MODEL+observer=0)"),
+            },
+        ),
         ("network", format!("{} layers of {}, {} heads", net.layers, net.width, net.heads)),
         ("parameters", parameters(&card).to_string()),
         ("tokens, skip", format!("{:?}, {:?}", card.tokens.kind, net.skip).to_lowercase()),

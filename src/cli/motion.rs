@@ -46,8 +46,8 @@ pub(super) fn clip(text: &str, robot: Option<&str>) -> Outcome<Clip> {
     })
 }
 
-/// The command of a clip, its joints in the robot's order; of another robot's clip the error names
-/// the file.
+/// The command of a clip, its joints in the robot's order; if it is another robot's, the error
+/// begins with `text`, the clip's file or name.
 pub(super) fn command(clip: &Clip, robot: &Robot, text: &str) -> Outcome<Command> {
     let command = robot.compile(clip).map_err(|e| broken(e, clip, text))?;
     let names: Vec<String> = robot.joints().iter().map(|j| j.name.clone()).collect();

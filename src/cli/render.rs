@@ -408,14 +408,6 @@ fn shown(
     let clip = motion::clip(input, args.perform.robot.as_deref())?;
     let robot = motion::robot_for(args.perform.robot.as_deref(), &clip.robot.id)?;
     let command = motion::command(&clip, &robot, input)?;
-    if command.dim() != robot.state_dim() {
-        return Err(Failure::invalid(format!(
-            "{input}: {} joints, but {} has {}",
-            command.dim(),
-            robot.id(),
-            robot.state_dim()
-        )));
-    }
     let rows = command.filled().chunks_exact(command.dim().max(1)).map(wide).collect();
     let motion = of_clip(&clip, &command, rows, None, &robot);
     Ok((robot, motion))

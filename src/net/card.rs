@@ -6,6 +6,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::config::{COMMAND, HISTORY};
+use super::observer;
 use super::reach::Reach;
 use super::token::{Facts, Normaliser, TokenConfig, Tokeniser};
 use super::{Error, MaskGranularity, NetConfig};
@@ -128,8 +129,9 @@ pub struct Card {
     pub training: TrainingCard,
 }
 
+/// Whether an observer of this weight is off, so that files need not contain it.
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
-fn is_off(observer: &u8) -> bool {
+pub fn is_off(observer: &u8) -> bool {
     *observer == 0
 }
 
@@ -182,6 +184,22 @@ impl Card {
     /// before the network sees them.
     pub fn masks(&self) -> MaskGranularity {
         if self.reach.is_some() { MaskGranularity::Joint } else { self.mask_granularity }
+    }
+
+    /// Refuses an observer of this weight, in percent, for a network that has not learned to infer past
+    /// actions: one that sees them, or one with a loss at the current frame only.
+    ///
+    /// # Errors
+    /// [`Error::Config`].
+    pub fn may_observe(&self, percent: u8) -> Result<(), Error> {
+        observer::check(percent, &self.tokens)?;
+        let current_only = self.training.config.get("current_only");
+        let current_only = current_only.and_then(serde_json::Value::as_bool) == Some(true);
+        if percent > 0 && (self.tokens.previous_action || current_only) {
+            let why = "the network has not learned to infer past actions".to_owned();
+            return Err(Error::Config { field: "observer", why });
+        }
+        Ok(())
     }
 
     /// The usual range of each joint in the training split, (S); estimated from mean and spread if
@@ -251,6 +269,7 @@ pub(super) fn check_card(card: &Card) -> Result<(), String> {
     if card.facts.joints.len() > limits::JOINTS {
         return Err(format!("{} joints, more than {}", card.facts.joints.len(), limits::JOINTS));
     }
+    card.may_observe(card.observer).map_err(|e| e.to_string())?;
     if card.mask_granularity != card.tokens.granularity {
         return Err("two different mask granularities".into());
     }

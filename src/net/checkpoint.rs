@@ -22,7 +22,7 @@ use robert_base::fsio;
 use robert_base::limits;
 
 pub use super::card::{
-    Card, FORMAT, PhysicsCard, RobotCard, TrainingCard, Usual, WindowCard, same_robot,
+    Card, FORMAT, PhysicsCard, RobotCard, TrainingCard, Usual, WindowCard, is_off, same_robot,
 };
 pub use super::optimiser_state::OptimiserState;
 

@@ -1,7 +1,7 @@
 //! Inference in a control loop: one action per window.
 //!
-//! There are two options: averaging the predictions of successive windows for the same frame
-//! (temporal ensembling, as in ACT by Zhao et al. 2023), and a second thread.
+//! There are three options: averaging the predictions of successive windows for the same frame
+//! (temporal ensembling, as in ACT by Zhao et al. 2023), an observer of disturbances, and a second thread.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -13,7 +13,7 @@ use super::encode::EncodeScratch;
 use super::forward::{Forward, Forwards};
 use super::head::{self, Choice};
 use super::model::Net;
-use super::observer::{BACK, Observer, SEEN};
+use super::observer::{self, BACK, Observer, SEEN};
 use super::single::{Panels, Single};
 use super::{Encoder, Error};
 use robert_base::rng::{Rng, Stream};
@@ -104,6 +104,7 @@ impl NetPolicy {
             let why = format!("{} is not in 1..={}", cfg.ensemble, COMMAND + 1);
             return Err(Error::Config { field: "ensemble", why });
         }
+        observer::check(cfg.observer, encoder.tokens.config())?;
         if cfg.observer > 0 && encoder.sees_actions() {
             let why =
                 "the network sees past actions, so it has not learned to infer them".to_owned();

@@ -1,5 +1,5 @@
-//! A disturbance observer: constant torque that the policy does not know is inferred from the motion
-//! that past actions caused, and added to the next ones.
+//! A disturbance observer: what the policy does not know of the robot is inferred from the motion that
+//! past actions caused, and added to the next ones.
 //!
 //! Masked action-inverse inference also infers actions that are known already, those of past frames.
 //! Where the applied action was another one, something else acted on the robot, or the inference is
@@ -8,14 +8,16 @@
 //! stay while the robot holds still. (The method is that of disturbance observers in robot control:
 //! Ohnishi et al. 1996.)
 
+use super::Error;
 use super::config::CURRENT;
+use super::token::TokenConfig;
 
-/// The frames from the inferred one to the current one. The inference of a frame depends on the two
-/// frames after it; both must have happened, since goals say nothing about what acted on the robot.
+/// The frames from the inferred one to the current one. The inference of a frame depends mainly on the
+/// two frames after it; both must have happened, since goals say nothing about what acted on the robot.
 pub const BACK: usize = 2;
 /// The frame whose action is inferred again.
 pub const SEEN: usize = CURRENT - BACK;
-/// The largest difference that counts, as a share of the control range. A link that presses against
+/// The largest difference that counts, as a share of the greatest action. A link that presses against
 /// another one would otherwise press as hard as it can.
 const LIMIT: f32 = 0.2;
 
@@ -30,11 +32,28 @@ pub struct Observer {
     applied: Vec<f32>,
 }
 
+/// Refuses an observer of this weight, in percent, for a model with these features.
+///
+/// # Errors
+/// [`Error::Config`].
+pub fn check(percent: u8, tokens: &TokenConfig) -> Result<(), Error> {
+    let why = match percent {
+        0 => return Ok(()),
+        101.. => format!("takes 0 to 100 percent, not {percent}"),
+        _ if tokens.ridge_history >= SEEN => {
+            format!("the frame that it sees has fewer than {} before it", tokens.ridge_history + 1)
+        }
+        _ => return Ok(()),
+    };
+    Err(Error::Config { field: "observer", why })
+}
+
 impl Observer {
-    /// An observer of this number of actuators, in which the newest difference counts `percent`;
-    /// `None` if that is 0.
+    /// An observer of this number of actuators, in which the newest difference counts `percent`, at
+    /// most 100; `None` if that is 0.
     pub fn new(percent: u8, actions: usize) -> Option<Self> {
-        let gain = f32::from(percent.min(100)) / 100.0;
+        assert!(percent <= 100, "{percent} percent");
+        let gain = f32::from(percent) / 100.0;
         let applied = Vec::with_capacity(BACK * actions);
         (percent > 0).then(|| Observer { gain, disturbance: vec![0.0; actions], applied })
     }
@@ -46,14 +65,16 @@ impl Observer {
     }
 
     /// Adds the disturbance to `action`, (A), which then is within its range. `inferred` is the
-    /// inferred action of frame [`SEEN`] of the window, (A).
+    /// inferred action of frame [`SEEN`] of the window, (A); only what is within the range could be
+    /// applied.
     pub fn correct(&mut self, inferred: &[f32], action: &mut [f32]) {
         let a = self.disturbance.len();
         debug_assert_eq!([inferred.len(), action.len()], [a; 2], "one number for each actuator");
         // The actions before the rollout are unknown.
         if self.applied.len() == BACK * a {
             for ((d, &u), &x) in self.disturbance.iter_mut().zip(&self.applied).zip(inferred) {
-                *d += self.gain * ((u - x).clamp(-LIMIT, LIMIT) - *d);
+                let missing = u - x.clamp(-1.0, 1.0);
+                *d += self.gain * (missing.clamp(-LIMIT, LIMIT) - *d);
             }
         }
         for (to, d) in action.iter_mut().zip(&self.disturbance) {

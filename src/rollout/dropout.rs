@@ -27,10 +27,11 @@ const SPAN: usize = 2 * FARTHEST + LONGEST + 2;
 const JITTER: f64 = 1e-6;
 /// How far the motion in a dropout leaves the range of the frames around it at most, as a share of that range.
 const BEYOND: f64 = 0.1;
-/// Smooth recordings cross cubics: now and then a few windows of five frames lie on one. Where people typed a cubic, at
-/// least this many windows in a row do, or this share of all windows up to [`FARTHEST`] frames away.
+/// Smooth recordings cross cubics: now and then a few windows of five frames lie on one. Where people typed cubics, at
+/// least this many windows in a row do, or this share of all windows up to [`FARTHEST`] frames away: a quarter if keys
+/// are four frames apart.
 const CUBICS: usize = 4;
-const CUBIC_SHARE: f64 = 1.0 / 3.0;
+const CUBIC_SHARE: f64 = 0.2;
 /// Positions are stored in single precision: each is off by at most half of this share.
 const ROUNDING: f64 = f32::EPSILON as f64;
 
@@ -331,13 +332,28 @@ mod tests {
                 assert!(off.is_some_and(|off| off < 1e-4), "{start}: {f} {off:?}");
             }
         }
-        // Cubics through keys that are six frames apart.
-        let keys = |k: usize| [0.0, 0.5, 0.1, 0.7, 0.2][k % 5];
-        let curve = |f: usize| {
-            let (k, u) = (f / 6, (f % 6) as f64 / 6.0);
-            keys(k) + (keys(k + 1) - keys(k)) * u * u * (3.0 - 2.0 * u)
-        };
-        assert_eq!(found(curve, 80, &(38..41).collect::<Vec<_>>()), []);
+        // Cubics through keys that are four to six frames apart, with the slopes of a smooth motion.
+        for apart in 4..7 {
+            let step = apart as f64;
+            let key = |k: usize| 0.5 * (0.9 * k as f64).sin() + 0.2 * (0.37 * k as f64).cos();
+            let slope = |k: usize| (key(k + 1) - key(k.saturating_sub(1))) / (2.0 * step);
+            let curve = |f: usize| {
+                let (k, u) = (f / apart, (f % apart) as f64 / step);
+                let (u2, u3) = (u * u, u * u * u);
+                (2.0 * u3 - 3.0 * u2 + 1.0) * key(k)
+                    + (u3 - 2.0 * u2 + u) * step * slope(k)
+                    + (3.0 * u2 - 2.0 * u3) * key(k + 1)
+                    + (u3 - u2) * step * slope(k + 1)
+            };
+            for first in (5..14).map(|k| k * apart) {
+                let gap: Vec<usize> = (first + 1..first + apart).collect();
+                assert_eq!(
+                    found(curve, 100, &gap),
+                    [],
+                    "keys {apart} frames apart, gap after {first}"
+                );
+            }
+        }
     }
 
     #[test]

@@ -5,7 +5,8 @@ use robert_net::{Model, NetPolicyConfig, Threads};
 use super::error::Error;
 use super::learned::Learned;
 
-/// How a trained network is used; other policies ignore it.
+/// How a trained network is used. Other policies ignore it, except that `ridge` has `gain` and
+/// `observer`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Inference {
@@ -52,11 +53,13 @@ impl Inference {
     /// # Errors
     /// [`Error::Model`].
     pub fn network(self, model: Model) -> Result<Learned, Error> {
+        let observer = self.observer.unwrap_or(model.card.observer);
+        model.card.may_observe(observer)?;
         let options = NetPolicyConfig {
             ensemble: self.ensemble,
             sample_bins: self.sample,
             mean_bins: self.mean,
-            observer: self.observer.unwrap_or(model.card.observer),
+            observer,
             threads: self.threads,
             ..NetPolicyConfig::default()
         };

@@ -9,7 +9,7 @@ use super::policy::{Policy, View};
 use super::reachable::Reachable;
 use super::window::Window;
 use robert_net::forward::Forwards;
-use robert_net::observer::SEEN;
+use robert_net::observer::{self, SEEN};
 use robert_net::reach::Reach;
 use robert_net::{
     self as net, ActionHistory, COMMAND, CURRENT, Encoder, HISTORY, MaskGranularity, Model,
@@ -260,16 +260,20 @@ impl Linear {
     #[must_use]
     pub fn with_card(self, card: &net::Card) -> Self {
         let frames = Frames::new(&self.encoder, card.reach.as_ref());
-        let own = Linear { card: serde_json::to_string_pretty(card).ok(), frames, ..self };
-        own.with_observer(card.observer)
+        let observer = Observer::new(card.observer, self.answer.len());
+        Linear { card: serde_json::to_string_pretty(card).ok(), frames, observer, ..self }
     }
 
     /// Adds the disturbance that past motion shows to each action; the newest frame counts `percent`
-    /// in it, and 0 is off.
-    #[must_use]
-    pub fn with_observer(self, percent: u8) -> Self {
+    /// in it, and 0 is off. `None` is what the card says.
+    ///
+    /// # Errors
+    /// [`Error::Model`] if the frame that is observed has too few frames before it.
+    pub fn with_observer(self, percent: Option<u8>) -> Result<Self, Error> {
+        let Some(percent) = percent else { return Ok(self) };
+        observer::check(percent, self.encoder.tokens.config())?;
         let observer = Observer::new(percent, self.answer.len());
-        Linear { observer, ..self }
+        Ok(Linear { observer, ..self })
     }
 
     /// Scales each actuator's prediction by the ratio of applied to predicted actions over the last
@@ -304,19 +308,13 @@ impl Linear {
         let (Some(observer), Some(ridge)) = (&mut self.observer, &self.encoder.ridge) else {
             return;
         };
-        let mut inferred = vec![0.0; action.len()];
-        ridge.answers(
-            &self.encoder.tokens,
-            &self.scratch,
-            SEEN..SEEN + 1,
-            &mut self.features,
-            &mut inferred,
-        );
+        let (tokens, seen) = (&self.encoder.tokens, SEEN..SEEN + 1);
+        ridge.answers(tokens, &self.scratch, seen, &mut self.features, &mut self.answer);
         if let Some(gain) = gain {
-            inferred.iter_mut().zip(gain.gain()).for_each(|(x, g)| *x *= 1.0 + g);
+            self.answer.iter_mut().zip(gain.gain()).for_each(|(x, g)| *x *= 1.0 + g);
         }
         let mut sum: Vec<f32> = action.iter().map(|&x| x as f32).collect();
-        observer.correct(&inferred, &mut sum);
+        observer.correct(&self.answer, &mut sum);
         action.iter_mut().zip(&sum).for_each(|(to, &x)| *to = f64::from(x));
     }
 
@@ -581,19 +579,84 @@ mod tests {
             r.run(&cancel).unwrap();
             r
         };
-        let (task, other) = ("ur5e/ellipse_air", "ur5e/drift");
+        let task = "ur5e/ellipse_air";
         let error = |policy: &str| run(policy, task).precision().precision.unwrap();
         for policy in ["ridge", "robert"] {
             let (without, with) = (error(policy), error(&format!("{policy}+observer=30")));
             assert!(with < 0.4 * without, "{policy}: {with} {without}");
         }
-        // It goes on from any frame, with what was observed before it.
-        for policy in ["ridge+observer=30", "ridge+gain+observer=30", "robert+observer=30"] {
-            let mut changed = run(policy, other);
-            changed.set_command(&of(task)).unwrap();
+        // It goes on from a frame in the middle, with what was observed before it.
+        let of_all = of(task);
+        let mut values = of_all.filled();
+        let (frames, dim) = (of_all.frames() as usize, of_all.dim());
+        values[(frames - 10) * dim..].iter_mut().for_each(|x| *x += 0.1);
+        let start = of_all.start().to_vec();
+        let joints = of_all.joints().to_vec();
+        let seen = vec![true; frames * dim];
+        let ended = robert_clip::Command::from_dense(joints, start, values, seen).unwrap();
+        let all = [
+            "ridge+observer=30",
+            "ridge+gain+observer=30",
+            "robert+observer=30+ensemble=3",
+            "ridge+observer=30+refine",
+        ];
+        for policy in all {
+            let mut changed = run(policy, task);
+            let whole = changed.actions().to_vec();
+            let from = changed.set_command(&ended).unwrap();
+            assert!(from > 0, "{policy}");
             changed.run(&cancel).unwrap();
-            assert_eq!(changed.actions(), run(policy, task).actions(), "{policy}");
+            assert_ne!(changed.actions(), whole, "{policy}");
+            assert!(changed.set_command(&of_all).unwrap() > 0, "{policy}");
+            changed.run(&cancel).unwrap();
+            assert_eq!(changed.actions(), whole, "{policy}");
         }
+    }
+
+    #[test]
+    fn the_observer_of_a_card_is_used_by_both_policies() {
+        let robot = Arc::new(Robot::builtin("pointmass").unwrap());
+        let run = |policy: Box<dyn Policy>| {
+            // The mass is five times as heavy as the model believes.
+            let plant = robert_robot::PlantConfig { mass: 5.0, ..Default::default() };
+            let config = RolloutConfig { plant, ..RolloutConfig::default() };
+            let goals = command(&robot);
+            let mut r = Rollout::new(&robot, policy, &goals, Start::Pose, config).unwrap();
+            r.run(&robert_base::progress::Cancel::default()).unwrap();
+            r.actions().to_vec()
+        };
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("model.safetensors");
+        let file = |observer| {
+            let mut model = model(&robot, MaskGranularity::State);
+            model.card.observer = observer;
+            // So strong that actions reach their bounds.
+            let ridge = model.encoder.ridge.take().unwrap();
+            let strong = ridge.weights().iter().map(|w| 20.0 * w).collect();
+            let ridge = Ridge::new(model.encoder.tokens.ridge_inputs(), 2, strong).unwrap();
+            checkpoint::save(&path, &model.card, &model.net, Some(&ridge), None).unwrap();
+        };
+        let all = |options: &str| {
+            ["robert", "ridge"].map(|name| {
+                let text = format!("{name}:{}{options}", path.display());
+                run(text.parse::<crate::PolicyConfig>().unwrap().build(&robot).unwrap())
+            })
+        };
+        let near = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
+        file(0);
+        let (without, with) = (all(""), all("+observer=30"));
+        assert!(without[0].iter().any(|x| x.abs() == 1.0), "bounds are reached");
+        assert!(near(&with[0], &with[1]), "an untrained network is the linear prediction");
+        assert!(!near(&without[0], &with[0]));
+        file(30);
+        assert_eq!((all(""), all("+observer=0")), (with, without));
+        // What no program writes is refused with the file.
+        file(101);
+        let refused = load(&robot, &path).unwrap_err().to_string();
+        assert!(
+            refused.contains("0 to 100 percent") && refused.contains("model.safe"),
+            "{refused}"
+        );
     }
 
     #[test]

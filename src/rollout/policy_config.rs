@@ -271,8 +271,8 @@ impl PolicyConfig {
             PolicyName::Ridge => {
                 let model = self.model(robot)?;
                 let linear = Linear::new(model.encoder.clone())?.with_card(&model.card);
-                let observer = self.inference.observer.unwrap_or(model.card.observer);
-                Box::new(linear.with_gain(self.inference.gain).with_observer(observer))
+                let linear = linear.with_gain(self.inference.gain);
+                Box::new(linear.with_observer(self.inference.observer)?)
             }
             PolicyName::Nearest => {
                 Box::new(Nearest::open(self.needed_path()?, &learned::robot_card(robot))?)

@@ -13,7 +13,7 @@ use robert_robot::Robot;
 use robert_rollout::ClipFacts as _;
 use robert_rollout::{
     Case, Contenders, EvalConfig, PolicyConfig, PolicyName, Rollout, RolloutConfig, Start, Suite,
-    evaluate, tasks,
+    check_joints, evaluate, tasks,
 };
 use serde_json::Value;
 
@@ -159,15 +159,12 @@ fn fingerprint(clips: &[(String, Clip)]) -> String {
 }
 
 fn case(robot: &Robot, name: &str, clip: &Clip) -> Result<Case, Error> {
-    let command = robot
-        .compile(clip)
-        .map_err(|e| Error::Spec { why: e.to_string(), place: format!("clip {name}") })?;
+    let spec = |why: String| Error::Spec { why, place: format!("clip {name}") };
+    let command = robot.compile(clip).map_err(|e| spec(e.to_string()))?;
     let names: Vec<String> = robot.joints().iter().map(|j| j.name.clone()).collect();
-    let command = if command.dim() == robot.state_dim() {
-        command.reordered(&names).unwrap_or(command)
-    } else {
-        command
-    };
+    let same = command.dim() == names.len();
+    let command = same.then(|| command.reordered(&names)).flatten().unwrap_or(command);
+    check_joints(robot, &command).map_err(|e| spec(e.to_string()))?;
     Ok(Case { name: name.to_owned(), command, start: Start::Pose, truth: None, floor: None })
 }
 

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Error;
 use robert_net::mask::{MaskKind, Schedule};
+use robert_net::observer::SEEN;
 use robert_net::token::TokenConfig;
 use robert_net::{
     AdamConfig, COMMAND, Facts, MaskGranularity, Mixing, NetConfig, SkipKind, TokenKind, WINDOW,
@@ -107,7 +108,7 @@ pub struct TrainConfig {
     pub leave_pressing: bool,
     /// Percent that the newest frame counts in the disturbance that the policy adds to each action;
     /// 0 is off. See [`robert_net::observer`].
-    #[serde(default, skip_serializing_if = "is_off")]
+    #[serde(default, skip_serializing_if = "robert_net::checkpoint::is_off")]
     pub observer: u8,
     /// The tasks that choose the best checkpoint.
     #[serde(default)]
@@ -153,11 +154,6 @@ pub enum ContactTarget {
     /// The linear prediction, so that the network does not change it where nothing can be learned;
     /// without a skip the same as `Action`.
     Linear,
-}
-
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
-fn is_off(observer: &u8) -> bool {
-    *observer == 0
 }
 
 impl Default for TrainConfig {
@@ -346,10 +342,13 @@ impl TrainConfig {
                 refuse("ridge_penalty", "must be 0 or more")
             }
             () if self.observer > 100 => refuse("observer", "takes 0 to 100"),
-            () if self.observer > 0 && (self.previous_action || self.current_only) => refuse(
-                "observer",
-                "infers past actions, which are not learned with previous_action or current_only",
+            () if self.observes() && (self.previous_action || self.current_only) => refuse(
+                if self.observer > 0 { "observer" } else { "select_with" },
+                "an observer infers past actions, which are not learned with previous_action or current_only",
             ),
+            () if self.observes() && self.ridge_history >= SEEN => {
+                refuse("observer", "needs a ridge_history below 28")
+            }
             () if self.self_correct > 100 => refuse("self_correct", "takes 0 to 100"),
             () if !(0.0..=1.0).contains(&self.self_share) => refuse("self_share", "takes 0 to 1"),
             () if !(1..=1_000_000).contains(&self.self_tasks) => {
@@ -362,6 +361,12 @@ impl TrainConfig {
             () if self.seed > i64::MAX as u64 => refuse("seed", "takes 63 bits"),
             () => Ok(()),
         }
+    }
+
+    /// Whether the policy has an observer, for good or where it is selected.
+    fn observes(&self) -> bool {
+        let selecting = self.selecting_policy().and_then(|policy| policy.inference.observer);
+        self.observer > 0 || selecting.is_some_and(|percent| percent > 0)
     }
 
     /// The policy that performs the tasks which choose the best checkpoint, without its model; `None` if
@@ -471,6 +476,18 @@ mod tests {
         cfg.set("select_with=+mean+ahead=2+smooth").unwrap();
         assert_eq!(cfg.selecting_policy().unwrap().label(), "robert+mean+ahead=2+smooth");
         assert_eq!((cfg.lr, cfg.tokens, cfg.current_only), (2e-4, TokenKind::PosD, true));
+        let mut observing = TrainConfig::default();
+        observing.set("observer=30").unwrap();
+        assert_eq!(observing.observer, 30);
+        for no in [
+            "previous_action=true",
+            "current_only=true",
+            "observer=101",
+            "observer=300",
+            "ridge_history=28",
+        ] {
+            assert!(observing.set(no).unwrap_err().to_string().contains("observer"), "{no}");
+        }
         let before = cfg.clone();
         for bad in
             ["lr", "learning=1", "lr=fast", "steps=1.5", "batch=0", "tokens=best", "average=1"]
@@ -484,6 +501,9 @@ mod tests {
                     "select_with=:adaptive",
                     "select_with=+refine",
                     "select_with=+gain",
+                    // Past actions are not learned with current_only.
+                    "observer=30",
+                    "select_with=+observer=30",
                 ])
         {
             let e = cfg.set(bad).unwrap_err().to_string();

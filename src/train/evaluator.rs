@@ -22,7 +22,8 @@ use robert_rollout::{
 
 /// Suites that count for the selection; the others are for the report.
 const SUITES: [&str; 2] = ["manual", "extra"];
-/// Seeds of the trial clips of a robot without tasks. Some arms oscillate in one of three fast clips.
+/// Seeds of the trial clips of a robot without tasks. An arm may be calm on the clips of one seed and oscillate on those
+/// of another.
 const TRIAL_SEEDS: [u64; 3] = [0, 4, 5];
 /// Error of a rollout that diverged, rad or m.
 const BROKEN: f64 = 10.0;

@@ -15,10 +15,10 @@ use robert_dataset::{
     Dataset, Episode, EpisodeMeta, Manifest, Part, Shard, ShardBuilder, Verify, Windows,
 };
 use robert_linalg::{next_of, on_threads};
-use robert_net::{Model, NetPolicyConfig};
+use robert_net::Model;
 use robert_robot::{Robot, StateJoint};
 use robert_rollout::{
-    EXTRACTED_FRAMES, HISTORY, Learned, Masking, Rollout, RolloutConfig, extract_task,
+    EXTRACTED_FRAMES, HISTORY, Inference, Learned, Masking, Rollout, RolloutConfig, extract_task,
 };
 
 /// States of a task: history, present, commands.
@@ -87,8 +87,7 @@ impl Perform for Simulated {
     ) -> Result<bool, String> {
         let Round { round, tasks, seed, dir } = *job;
         let text = |e: &dyn std::fmt::Display| e.to_string();
-        let policy =
-            Learned::new(model.clone(), NetPolicyConfig::default()).map_err(|e| text(&e))?;
+        let policy = Inference::default().network(model.clone()).map_err(|e| text(&e))?;
         let policy = Mutex::new(policy);
         let windows = Windows::new(data, STATES, Part::Train, seed).map_err(|e| text(&e))?;
         let mut found: Vec<Result<Option<Achieved>, String>> = Vec::new();

@@ -24,10 +24,11 @@ const CANDIDATES: [f64; 4] = [1e-6, 1e-3, 1e-2, 5e-2];
 /// then with the best one.
 const OBSERVER: u8 = 30;
 const OTHER_OBSERVERS: [u8; 2] = [10, 50];
-/// Another fit is chosen if its error is below this share of the usual one's.
+/// Another fit is chosen if its error is below this share of the usual one's, and an observer if it is
+/// below this share of that without one.
 const WORTH: f64 = 0.9;
-/// The parts of the progress that a fit of all candidates counts as.
-const FIT: usize = 3;
+/// The parts of the progress that a fit of all candidates counts as: performing all clips twice is one.
+const FIT: usize = 1;
 /// The share of frames that press from which fits without them are tried.
 const SEVERAL: f64 = 0.01;
 
@@ -47,6 +48,13 @@ impl Choice {
     fn on(self, cfg: TrainConfig) -> TrainConfig {
         let Choice { ridge_penalty, leave_pressing, observer } = self;
         TrainConfig { ridge_penalty, leave_pressing, observer, ..cfg }
+    }
+
+    /// What is compared for this error: a candidate that is not the usual one has to be worth it.
+    fn score(self, error: f64) -> f64 {
+        let fit = Choice { observer: 0, ..self };
+        let usual = if fit == Choice::default() { WORTH } else { 1.0 };
+        usual * if self.observer == 0 { error } else { error / WORTH }
     }
 }
 
@@ -114,14 +122,12 @@ pub fn choose(
                 &format!("penalty {}", ridge_penalty.unwrap_or(fit.lambda_per_sample)),
             );
             done += 1;
-            model.encoder = Encoder::new(model.encoder.tokens, Some(ridge.clone()))?;
+            model.encoder = Encoder::new(model.encoder.tokens, Some(ridge))?;
             for observer in [0, OBSERVER] {
                 let choice = Choice { ridge_penalty, leave_pressing, observer };
-                let precision = error(&mut model, observer, evaluator, cancel)?;
-                if choice == Choice::default() {
-                    best = Some((choice, WORTH * precision, model.clone()));
-                } else if best.as_ref().is_none_or(|best| precision < best.1) {
-                    best = Some((choice, precision, model.clone()));
+                let score = choice.score(error(&mut model, observer, evaluator, cancel)?);
+                if best.as_ref().is_none_or(|best| score < best.1) {
+                    best = Some((choice, score, model.clone()));
                 }
             }
         }
@@ -131,9 +137,10 @@ pub fn choose(
     };
     progress.tick(done, total, "observer");
     for observer in OTHER_OBSERVERS {
-        let precision = error(&mut model, observer, evaluator, cancel)?;
-        if precision < least {
-            (choice.observer, least) = (observer, precision);
+        let other = Choice { observer, ..choice };
+        let score = other.score(error(&mut model, observer, evaluator, cancel)?);
+        if score < least {
+            (choice, least) = (other, score);
         }
     }
     let cfg = choice.on(cfg.clone());
@@ -187,12 +194,14 @@ mod tests {
         }
     }
 
-    /// Likes an observer of ten percent best.
-    struct Watcher;
+    /// Likes small weights, and an observer of this weight best.
+    struct Watcher(u8);
 
     impl Evaluate for Watcher {
         fn evaluate(&mut self, model: &Model, _: &Cancel) -> Result<Option<Evaluation>, String> {
-            let precision = 1.0 + f64::from(model.card.observer.abs_diff(10)) / 25.0;
+            let ridge = model.encoder.ridge.as_ref().ok_or("no linear prediction")?;
+            let size: f64 = ridge.weights().iter().map(|w| f64::from(w.abs())).sum();
+            let precision = size * (1.0 + f64::from(model.card.observer.abs_diff(self.0)) / 25.0);
             Ok(Some(Evaluation { precision, suites: BTreeMap::new() }))
         }
 
@@ -210,13 +219,21 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let (_, data, _) = untrained("pointmass", 0, dir.path());
         let cfg = TrainConfig::preset("instant").unwrap();
-        let (found, linear) =
-            choose(&data, &cfg, 2, &mut Watcher, &Silent, &Cancel::default()).unwrap();
-        let want = TrainConfig { observer: 10, ..cfg };
-        assert_eq!(found, want);
-        // It is in the card of every model that is made with it.
-        let (card, ..) = prepare(&data, &found, linear.as_ref(), 2, &Cancel::default()).unwrap();
-        assert_eq!(card.observer, 10);
+        for best in [10, 30, 50] {
+            let (found, linear) =
+                choose(&data, &cfg, 2, &mut Watcher(best), &Silent, &Cancel::default()).unwrap();
+            let ridge_penalty = Some(CANDIDATES[3]);
+            let want = TrainConfig { observer: best, ridge_penalty, ..cfg.clone() };
+            assert_eq!(found, want);
+            // It is in the card of every model that is made with it.
+            let (card, ..) =
+                prepare(&data, &found, linear.as_ref(), 2, &Cancel::default()).unwrap();
+            assert_eq!(card.observer, best);
+        }
+        // A gain of less than a tenth is none.
+        let choice = |observer| Choice { observer, ..Choice::default() };
+        assert!(choice(30).score(0.95) > choice(0).score(1.0));
+        assert!(choice(30).score(0.89) < choice(0).score(1.0));
     }
 
     #[test]
