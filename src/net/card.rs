@@ -130,7 +130,6 @@ pub struct Card {
 }
 
 /// Whether an observer of this weight is off, so that files need not contain it.
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
 pub fn is_off(observer: &u8) -> bool {
     *observer == 0
 }
