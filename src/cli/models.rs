@@ -51,8 +51,8 @@ pub(super) enum Args {
         /// a nearly linear robot they are the network's own noise.
         #[arg(long)]
         dead_zone: Option<f64>,
-        /// Add the torque that past motion shows to be missing to each action: percent that the
-        /// newest frame counts, 0 to 100; 30 is usual, and 0 is off.
+        /// Add what past motion shows to be missing to each action: percent that the newest frame
+        /// counts, 0 to 100; 30 is usual, and 0 is off.
         #[arg(long, value_name = "PERCENT", value_parser = clap::value_parser!(u8).range(0..=100))]
         observer: Option<u8>,
         /// Learn from this dataset what actions can move, for a model without that information or

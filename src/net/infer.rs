@@ -96,8 +96,8 @@ impl NetPolicy {
     /// Packs the weights for inference.
     ///
     /// # Errors
-    /// [`Error::Config`] when network and encoder disagree, the ensemble is too large, or the network
-    /// sees the actions that an observer would infer.
+    /// [`Error::Config`] when network and encoder disagree, the ensemble is too large, the observer's
+    /// percent or history does not fit, or the network sees the actions that an observer would infer.
     pub fn new(net: Net<f32>, encoder: Encoder, cfg: NetPolicyConfig) -> Result<Self, Error> {
         encoder.check(&net.cfg)?;
         if !(1..=COMMAND + 1).contains(&cfg.ensemble) {

@@ -268,7 +268,7 @@ impl Linear {
     /// in it, and 0 is off. `None` is what the card says.
     ///
     /// # Errors
-    /// [`Error::Model`] if the frame that is observed has too few frames before it.
+    /// [`Error::Model`] if `percent` is above 100, or the observed frame has too few frames before it.
     pub fn with_observer(self, percent: Option<u8>) -> Result<Self, Error> {
         let Some(percent) = percent else { return Ok(self) };
         observer::check(percent, self.encoder.tokens.config())?;
@@ -650,6 +650,14 @@ mod tests {
         assert!(!near(&without[0], &with[0]));
         file(30);
         assert_eq!((all(""), all("+observer=0")), (with, without));
+        // A network that has not learned to infer past actions cannot have one.
+        let mut card = model(&robot, MaskGranularity::State).card;
+        assert!(card.may_observe(30).is_ok());
+        card.tokens.ridge_history = SEEN;
+        assert!(card.may_observe(30).is_err() && card.may_observe(0).is_ok());
+        let mut card = model(&robot, MaskGranularity::State).card;
+        card.training.config = serde_json::json!({ "current_only": true });
+        assert!(card.may_observe(30).is_err() && card.may_observe(0).is_ok());
         // What no program writes is refused with the file.
         file(101);
         let refused = load(&robot, &path).unwrap_err().to_string();

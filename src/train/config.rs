@@ -347,7 +347,8 @@ impl TrainConfig {
                 "an observer infers past actions, which are not learned with previous_action or current_only",
             ),
             () if self.observes() && self.ridge_history >= SEEN => {
-                refuse("observer", "needs a ridge_history below 28")
+                let setting = if self.observer > 0 { "observer" } else { "select_with" };
+                refuse(setting, "an observer needs a ridge_history below 28")
             }
             () if self.self_correct > 100 => refuse("self_correct", "takes 0 to 100"),
             () if !(0.0..=1.0).contains(&self.self_share) => refuse("self_share", "takes 0 to 1"),

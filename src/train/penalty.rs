@@ -101,7 +101,7 @@ pub fn choose(
         sides.push((Side::new(data, Part::Train, cfg.seed).without(pressing), true));
     }
     let mut best: Option<(Choice, f64, Model)> = None;
-    // A fit of all candidates takes about as long as performing the clips with a few of them.
+    // A fit of all candidates takes about as long as performing the clips with one of them.
     let (mut done, total) = (0, (sides.len() * (FIT + penalties.len()) + 1) as u64);
     for (side, leave_pressing) in sides {
         progress.tick(

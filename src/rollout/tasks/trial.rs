@@ -6,8 +6,8 @@
 //! if the motors can hold them. The same is checked for moments of the sway, because fingers that
 //! move at different speeds may collide on the way even if both ends are free. Gaps are long enough
 //! for the speeds of the profile, and motions are short enough for the longest gap. Joints that no
-//! motor moves have no goals. Training chooses by the clips of seeds 0, 4 and 5;
-//! others are for reports.
+//! motor moves have no goals. Training chooses by the clips of seeds 0, 4 and 5,
+//! and `robert new` by those of 2 and 3; others are for reports.
 
 use std::f64::consts::TAU;
 
