@@ -8,7 +8,7 @@ use super::{input, output};
 use crate::clip::{Clip, Command, Invalid, parse};
 use crate::exit::HasExit;
 use crate::robot::Robot;
-use crate::rollout::{ClipFacts as _, Guide, PolicyConfig, check_joints, tasks};
+use crate::rollout::{ClipFacts as _, Guide, PolicyConfig, in_order, tasks};
 use crate::take::Take;
 use crate::units::Unit;
 
@@ -50,11 +50,7 @@ pub(super) fn clip(text: &str, robot: Option<&str>) -> Outcome<Clip> {
 /// begins with `text`, the clip's file or name.
 pub(super) fn command(clip: &Clip, robot: &Robot, text: &str) -> Outcome<Command> {
     let command = robot.compile(clip).map_err(|e| broken(e, clip, text))?;
-    let names: Vec<String> = robot.joints().iter().map(|j| j.name.clone()).collect();
-    let same = command.dim() == names.len();
-    let command = same.then(|| command.reordered(&names)).flatten().unwrap_or(command);
-    check_joints(robot, &command).map_err(|e| Failure::with(e.exit(), format!("{text}: {e}")))?;
-    Ok(command)
+    in_order(robot, command).map_err(|e| Failure::with(e.exit(), format!("{text}: {e}")))
 }
 
 /// A rule that a clip breaks, with its line if the clip is in a file.

@@ -3,10 +3,10 @@
 //!
 //! Masked action-inverse inference also infers actions that are known already, those of past frames.
 //! Where the applied action was another one, something else acted on the robot, or the inference is
-//! wrong there: the weight of a link in a pose that the data hardly show, a load, dry friction. A
-//! smoothed average of this difference, added to each answer, removes the error that would otherwise
-//! stay while the robot holds still. (The method is that of disturbance observers in robot control:
-//! Ohnishi et al. 1996.)
+//! wrong there: the weight of a link in a pose that the data hardly show, a load, dry friction. An
+//! exponential moving average of this difference, added to each answer, removes the error that would
+//! otherwise stay while the robot holds still. (The method is that of disturbance observers in robot
+//! control: Ohnishi et al. 1996.)
 
 use super::Error;
 use super::config::CURRENT;
@@ -26,7 +26,7 @@ const LIMIT: f32 = 0.2;
 pub struct Observer {
     /// Weight of the newest difference.
     gain: f32,
-    /// Smoothed difference of applied and inferred action, (A).
+    /// Moving average of the difference of applied and inferred action, (A).
     disturbance: Vec<f32>,
     /// The actions of the last frames, oldest first, (up to [`BACK`], A).
     applied: Vec<f32>,
@@ -103,9 +103,9 @@ impl Observer {
         self.disturbance.iter().chain(&self.applied).map(|&x| f64::from(x))
     }
 
-    /// Restores an earlier [`Observer::memory`].
+    /// Restores an earlier [`Observer::memory`] of the same robot.
     pub fn recall(&mut self, memory: &[f64]) {
-        let (disturbance, applied) = memory.split_at(self.disturbance.len().min(memory.len()));
+        let (disturbance, applied) = memory.split_at(self.disturbance.len());
         self.disturbance.iter_mut().zip(disturbance).for_each(|(to, &x)| *to = x as f32);
         self.applied.clear();
         self.applied.extend(applied.iter().map(|&x| x as f32));
@@ -116,8 +116,8 @@ impl Observer {
 mod tests {
     use super::*;
 
-    /// Steps of a plant that moves by what is applied plus `push`; what is inferred of it is `known`
-    /// of the truth. Returns the last action for a goal that needs .1 in all.
+    /// The last of many actions on a plant that moves by the action plus `push`, by a policy that
+    /// answers .1 and does not know of the push.
     fn hold(push: f32, steps: usize) -> f32 {
         let mut observer = Observer::new(30, 1).unwrap();
         let (mut seen, mut action) = (Vec::new(), [0.0]);

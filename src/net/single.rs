@@ -1,10 +1,11 @@
 //! Inference of one window, with minimal latency.
 //!
 //! In the last layer, queries, outputs and the feed-forward part are computed only for tokens whose
-//! actions are used, a range around the current one; the other tokens give keys and values. Weights are packed once, and a step
-//! allocates no buffer. With two threads each computes some of the frames. Everything except
-//! attention is computed frame by frame, so the threads meet once per layer to exchange keys and
-//! values. One thread and two perform the same operations on every number, so the bits are equal.
+//! actions are used, a range around the current one; the other tokens give keys and values. Weights
+//! are packed once, and a step allocates no buffer. With two threads each computes some of the
+//! frames. Everything except attention is computed frame by frame, so the threads meet once per
+//! layer to exchange keys and values. One thread and two perform the same operations on every
+//! number, so the bits are equal.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};

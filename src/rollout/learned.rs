@@ -399,7 +399,7 @@ impl Policy for Linear {
     fn recall(&mut self, memory: &[f64]) {
         let mut rest = memory;
         if let (Some(observer), Some((&seen, all))) = (&mut self.observer, memory.split_first()) {
-            let (seen, past) = all.split_at((seen as usize).min(all.len()));
+            let (seen, past) = all.split_at(seen as usize);
             observer.recall(seen);
             rest = past;
         }
@@ -540,20 +540,26 @@ mod tests {
         assert_eq!(whole, r.actions());
     }
 
+    fn of(task: &str) -> robert_clip::Command {
+        robert_clip::compile(&crate::tasks::find(task, None).unwrap()).unwrap()
+    }
+
+    /// A task of the UR5e on this plant, performed by a policy as it is typed.
+    fn arm(plant: robert_robot::PlantConfig, policy: &str, task: &str) -> Rollout {
+        let robot = Arc::new(Robot::builtin("ur5e").unwrap());
+        let policy: crate::PolicyConfig = policy.parse().unwrap();
+        let policy = policy.build(&robot).unwrap();
+        let config = RolloutConfig { plant, ..RolloutConfig::default() };
+        let mut r = Rollout::new(&robot, policy, &of(task), Start::Pose, config).unwrap();
+        r.run(&robert_base::progress::Cancel::default()).unwrap();
+        r
+    }
+
     #[test]
     fn past_actions_reveal_a_weak_motor() {
-        let robot = Arc::new(Robot::builtin("ur5e").unwrap());
-        let of = |task| robert_clip::compile(&crate::tasks::find(task, None).unwrap()).unwrap();
         let plant = robert_robot::PlantConfig { gear: 0.6, ..Default::default() };
         let cancel = robert_base::progress::Cancel::default();
-        let run = |policy: &str, task| {
-            let policy: crate::PolicyConfig = policy.parse().unwrap();
-            let policy = policy.build(&robot).unwrap();
-            let config = RolloutConfig { plant, ..RolloutConfig::default() };
-            let mut r = Rollout::new(&robot, policy, &of(task), Start::Pose, config).unwrap();
-            r.run(&cancel).unwrap();
-            r
-        };
+        let run = |policy: &str, task| arm(plant, policy, task);
         let (task, other) = ("ur5e/ellipse_air", "ur5e/drift");
         let error = |policy| run(policy, task).precision().precision.unwrap();
         let (fixed, scaled) = (error("ridge"), error("ridge+gain"));
@@ -567,18 +573,9 @@ mod tests {
 
     #[test]
     fn an_observer_holds_a_load_that_the_model_does_not_know() {
-        let robot = Arc::new(Robot::builtin("ur5e").unwrap());
-        let of = |task| robert_clip::compile(&crate::tasks::find(task, None).unwrap()).unwrap();
         let plant = robert_robot::PlantConfig { payload: 3.0, ..Default::default() };
         let cancel = robert_base::progress::Cancel::default();
-        let run = |policy: &str, task| {
-            let policy: crate::PolicyConfig = policy.parse().unwrap();
-            let policy = policy.build(&robot).unwrap();
-            let config = RolloutConfig { plant, ..RolloutConfig::default() };
-            let mut r = Rollout::new(&robot, policy, &of(task), Start::Pose, config).unwrap();
-            r.run(&cancel).unwrap();
-            r
-        };
+        let run = |policy: &str, task| arm(plant, policy, task);
         let task = "ur5e/ellipse_air";
         let error = |policy: &str| run(policy, task).precision().precision.unwrap();
         for policy in ["ridge", "robert"] {

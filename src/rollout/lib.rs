@@ -89,7 +89,7 @@ pub use policy::{Policy, View};
 pub use policy_config::PolicyConfig;
 pub use policy_name::PolicyName;
 pub use precision::{HoldError, Precision, hidden_error};
-pub use run::{Frame, Rollout, RolloutConfig, Start, check_joints};
+pub use run::{Frame, Rollout, RolloutConfig, Start, in_order};
 pub use sampling::{PredictiveSampling, SamplingConfig};
 pub use stats::{Interval, mean_ci95};
 pub use suite::{

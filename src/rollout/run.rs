@@ -628,11 +628,20 @@ fn plan(goals: &Goals, guide: Guide) -> Goals {
     }
 }
 
-/// Refuses a command that does not name the robot's joints in the robot's order.
+/// A command with its joints in the robot's order.
 ///
 /// # Errors
-/// [`Error::Joints`].
-pub fn check_joints(robot: &Robot, command: &Command) -> Result<(), Error> {
+/// [`Error::Joints`] if they are not the robot's joints.
+pub fn in_order(robot: &Robot, command: Command) -> Result<Command, Error> {
+    let names: Vec<String> = robot.joints().iter().map(|j| j.name.clone()).collect();
+    let same = command.dim() == names.len();
+    let command = same.then(|| command.reordered(&names)).flatten().unwrap_or(command);
+    check_joints(robot, &command)?;
+    Ok(command)
+}
+
+/// The command must name the robot's joints in the robot's order.
+fn check_joints(robot: &Robot, command: &Command) -> Result<(), Error> {
     let known: Vec<&str> = robot.joints().iter().map(|j| j.name.as_str()).collect();
     if known.iter().eq(command.joints().iter()) {
         return Ok(());

@@ -13,7 +13,7 @@ use robert_robot::Robot;
 use robert_rollout::ClipFacts as _;
 use robert_rollout::{
     Case, Contenders, EvalConfig, PolicyConfig, PolicyName, Rollout, RolloutConfig, Start, Suite,
-    check_joints, evaluate, tasks,
+    evaluate, in_order, tasks,
 };
 use serde_json::Value;
 
@@ -161,10 +161,7 @@ fn fingerprint(clips: &[(String, Clip)]) -> String {
 fn case(robot: &Robot, name: &str, clip: &Clip) -> Result<Case, Error> {
     let spec = |why: String| Error::Spec { why, place: format!("clip {name}") };
     let command = robot.compile(clip).map_err(|e| spec(e.to_string()))?;
-    let names: Vec<String> = robot.joints().iter().map(|j| j.name.clone()).collect();
-    let same = command.dim() == names.len();
-    let command = same.then(|| command.reordered(&names)).flatten().unwrap_or(command);
-    check_joints(robot, &command).map_err(|e| spec(e.to_string()))?;
+    let command = in_order(robot, command).map_err(|e| spec(e.to_string()))?;
     Ok(Case { name: name.to_owned(), command, start: Start::Pose, truth: None, floor: None })
 }
 
