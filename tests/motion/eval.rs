@@ -136,6 +136,19 @@ fn mistakes_are_named() {
 }
 
 #[test]
+fn a_clip_of_another_robot_is_named() {
+    let eval = |robot: &str| {
+        robert()
+            .file("clips/first.clip.json", HOP)
+            .file("clips/second.clip.json", HOP)
+            .args(["eval", "--robot", robot, "--policy", "pd", "--suite", "clips"])
+    };
+    eval("pointmass").succeeds();
+    let said = eval("ur5e").fails(3).stderr;
+    assert!(said.contains("first: the clip (2 joints) is not for robot ur5e"), "{said}");
+}
+
+#[test]
 fn tasks_tell_their_excess_their_gaps_and_their_jams() {
     let ran = robert()
         .args(["eval", "--robot", "pointmass", "--suite", "drawn,touch", "-q", "--json"])
