@@ -82,6 +82,17 @@ fn noise_makes_three_policies_that_perform() {
     assert!(code == 3 && err.contains("no card"), "{err}");
     let (code, err) = rollout("nearest:nowhere");
     assert!(code == 3 && err.contains("nowhere"), "{err}");
+    // A packed model has an observer of its own.
+    let pack = |percent: &str| {
+        call(dir, &["models", "pack", "d", "-o", "packed.safetensors", "--observer", percent])
+    };
+    assert_eq!(pack("101").0, 2);
+    assert_eq!(pack("30").0, 0);
+    let card = json(dir, &["models", "show", "packed.safetensors", "--json"]);
+    assert_eq!(card["observer"], 30);
+    let (_, shown, _) = call(dir, &["models", "show", "packed.safetensors"]);
+    assert!(shown.contains("30 %"), "{shown}");
+
     let (code, _, err) = call(dir, &["fit", "ridge", "--data", "d", "--robot", "ur5e"]);
     assert!(code == 3 && err.contains("pointmass"), "{err}");
 }
