@@ -114,6 +114,12 @@ fn poses_are_judged_in_simulation_on_every_robot() {
     let bent = hand.pose(&[(at("FFJ2"), 1.2)]);
     hand.write(20, &[(0, 20, bent.clone())]);
     hand.fires_and_is_fixed("coupled", "\"frame\": 0", &[]);
+    // Of two fingers the one that is asked for more comes first, and a tenth that is not exact in binary is no more.
+    let places = [("FFJ2", 0.4), ("FFJ1", 0.3), ("MFJ2", 0.5), ("LFJ2", 1.2)];
+    hand.write(20, &[(0, 20, hand.pose(&places.map(|(name, q)| (at(name), q))))]);
+    let found = hand.of("coupled", &[]);
+    let first: Vec<&str> = found.iter().map(|l| l["joints"][0].as_str().unwrap()).collect();
+    assert!(first.len() == 2 && first[0].contains("LF") && first[1].contains("MF"), "{first:?}");
     hand.write(20, &[(0, 20, bent)]);
     let told = &hand.of("unreachable", &["--simulate"])[0]["settled"];
     assert_eq!((&told["joint"], &told["held"]), (&"FFJ2".into(), &serde_json::json!([[0, 20]])));

@@ -4,20 +4,25 @@ use crate::joints::Coupling;
 use crate::lint::finder::{Finder, Place};
 use crate::lint::finding::{Level, Lint, Rule};
 
+/// By how much rounded numbers may exceed a tolerance: .4 - .3 is a little more than .1 in binary.
+const ROUNDING: f64 = 1e-6;
+
 impl Finder<'_> {
     pub(in crate::lint) fn coupled(&mut self) {
         let mut lints = Vec::new();
         for place in self.places() {
-            for coupling in &self.table.couplings {
-                lints.extend(self.coupled_in(&place, coupling));
-            }
+            let all = self.table.couplings.iter();
+            let mut here: Vec<_> = all.filter_map(|c| self.coupled_in(&place, c)).collect();
+            here.sort_by(|a, b| b.0.total_cmp(&a.0));
+            lints.extend(here.into_iter().map(|(_, lint)| lint));
         }
         for lint in lints {
             self.push(lint);
         }
     }
 
-    fn coupled_in(&self, place: &Place<'_>, coupling: &Coupling) -> Option<Lint> {
+    /// How far apart the joints of a coupling are, and the warning about it; `None` if the actuator reaches them.
+    fn coupled_in(&self, place: &Place<'_>, coupling: &Coupling) -> Option<(f64, Lint)> {
         let mut shared = Vec::new();
         for member in &coupling.members {
             let at = self.clip.joint(&member.joint)?;
@@ -30,7 +35,7 @@ impl Finder<'_> {
         }
         let values = || shared.iter().map(|s| s.2);
         let (lo, hi) = (values().fold(f64::MAX, f64::min), values().fold(f64::MIN, f64::max));
-        if shared.len() < 2 || hi - lo <= coupling.tolerance {
+        if shared.len() < 2 || hi - lo <= coupling.tolerance + ROUNDING {
             return None;
         }
         let mean = values().sum::<f64>() / shared.len() as f64;
@@ -44,7 +49,7 @@ impl Finder<'_> {
             .collect();
         let joints: Vec<String> = shared.iter().map(|s| s.0.joint.clone()).collect();
         let first = shared.first().map_or(0, |s| s.1);
-        Some(Lint {
+        let lint = Lint {
             level: Level::Warning,
             rule: Rule::Coupled,
             message: format!(
@@ -68,6 +73,7 @@ impl Finder<'_> {
             fixes: place.fix("Split evenly", &even),
             settled: None,
             unlisted: 0,
-        })
+        };
+        Some((hi - lo, lint))
     }
 }
