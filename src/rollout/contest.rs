@@ -93,7 +93,7 @@ impl Contest {
         fresh: impl Fn(usize) -> Result<Rollout, Error>,
         threads: usize,
     ) -> Option<Learner> {
-        let judge = Judge::of(&self.robot).no_farther_than(near(tried));
+        let judge = Judge::default().no_farther_than(near(tried));
         let racer = |turn: usize| {
             let (at, first) = motions[turn]?;
             let rollouts = [fresh(at).ok()?, fresh(at).ok()?];

@@ -11,7 +11,7 @@ use std::ops::Range;
 use super::goals::Goals;
 use super::holds;
 use super::jam;
-use super::judge::{Judge, commanded};
+use super::judge::Judge;
 use super::lead::Lead;
 use super::natural;
 use super::parts::counted;
@@ -192,7 +192,7 @@ impl Detours {
         let mut whole = self.states.clone();
         whole[..trial.states().len()].copy_from_slice(trial.states());
         let gaps = natural::counted(natural::penalty(goals, &whole)) - self.gaps;
-        one.worse + gaps * commanded(goals, &counted(&self.part)) < 0.0
+        one.worse + gaps * goals.commanded(&counted(&self.part)) < 0.0
     }
 
     /// Whether there is nothing to try: every joint arrives and moves naturally.
@@ -243,7 +243,7 @@ fn places(goals: &Goals, plan: &Goals, states: &[f64], judge: &Judge, from: usiz
     for natural::Place { frame, joint, penalty } in natural::places(goals, states) {
         let inside = frame >= from;
         if let Some(frame) = near(frame, joint).filter(|_| inside) {
-            found.push(Place { frame, joint, cost: penalty * commanded(goals, &(from..end)) });
+            found.push(Place { frame, joint, cost: penalty * goals.commanded(&(from..end)) });
         }
     }
     found

@@ -1,13 +1,16 @@
 //! The goals of a rollout: a compiled clip with virtual keyframes, the motion planned through its gaps, and the
 //! held end.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use super::curve::{self, Knot};
 use super::dropout;
 use super::lead::Lead;
+use super::ties::Ties;
 use robert_clip::Command;
 use robert_net::COMMAND;
+use robert_robot::Robot;
 
 /// Frames in which [`super::infill`] leads a joint back to the planned motion; only where it has no goal
 /// in these frames. With 5 the joints of the arm that should stay swing more, with 12 the slow joints of
@@ -41,6 +44,8 @@ pub struct Goals {
     pub(super) end_free: Vec<bool>,
     /// These goals, with the likely motion in dropouts as goals, if there are any.
     restored: Option<Arc<Goals>>,
+    /// The joints that one actuator moves together; none before [`Goals::tied`].
+    ties: Ties,
 }
 
 impl Goals {
@@ -64,6 +69,7 @@ impl Goals {
             end: vec![0.0; dim],
             end_free: vec![false; dim],
             restored: None,
+            ties: Ties::default(),
         };
         // The line through the masks is that of the clip, bit for bit, so the timeline draws the
         // same virtual keyframe as the policy gets.
@@ -93,6 +99,34 @@ impl Goals {
             goals.restored = Some(Arc::new(restored));
         }
         goals
+    }
+
+    /// These goals for a robot, with the joints that one actuator moves together.
+    #[must_use]
+    pub(super) fn tied(mut self, robot: &Robot) -> Goals {
+        self.ties = Ties::of(robot);
+        if let Some(restored) = &mut self.restored {
+            Arc::make_mut(restored).ties = self.ties.clone();
+        }
+        self
+    }
+
+    /// The joints that one actuator moves together.
+    pub(super) fn ties(&self) -> &Ties {
+        &self.ties
+    }
+
+    /// The number of goals at these frames. Precision is the mean error over those of all frames but the start.
+    pub(super) fn commanded(&self, frames: &Range<usize>) -> f64 {
+        let seen = |f: usize| (0..self.dim).filter(move |&j| self.is_visible(f, j)).count();
+        frames.clone().map(seen).sum::<usize>() as f64
+    }
+
+    /// What tied joints are off together at a frame, with its weight ([`Ties::error`]); rad or m. `reached` is
+    /// (frames, S).
+    pub(super) fn tied_error(&self, reached: &[f64], f: usize) -> f64 {
+        let off = |j: usize| reached[f * self.dim + j] - self.row(f)[j];
+        self.ties.error(|j| self.is_visible(f, j).then(|| off(j)))
     }
 
     /// The likely motion in dropouts, place and value; see [`dropout::likely`].

@@ -1,8 +1,9 @@
 //! The stillness of a robot that holds a pose. Errors hardly change if a finger moves to and fro within
 //! a hold, but a person sees it at once.
 //!
-//! A hold of a joint is a run of frames with the same goal. After the last goal of a clip it lasts to the
-//! end. The first [`SETTLES`] frames are for arriving. After them the length of the joint's path counts, less
+//! A hold of a joint is a run of frames with the same goal, also of each joint that the same actuator moves: the
+//! tip of a finger cannot be still while the tendon bends the joint before it. After the last goal of a clip it lasts
+//! to the end. The first [`SETTLES`] frames are for arriving. After them the length of the joint's path counts, less
 //! what it has come nearer to its goal by the end: a finger that is free at last may still arrive.
 
 use std::collections::btree_map::Entry;
@@ -31,20 +32,38 @@ struct Hold {
 fn holds(goals: &Goals, frames: usize) -> Vec<Hold> {
     let mut found = Vec::new();
     for joint in 0..goals.dim() {
+        let pulled = pulled(goals, joint);
         let last = (1..goals.frames()).rev().find(|&f| goals.is_visible(f, joint));
         let Some(last) = last else { continue };
         let goal = |f: usize| goals.row(f.min(last))[joint];
         let seen = |f: usize| f > last || goals.is_visible(f, joint);
         let mut from = 1;
         for f in 2..=frames {
-            let goes_on =
-                f < frames && seen(f) && seen(from) && (goal(f) - goal(from)).abs() < SAME;
+            let same = || seen(f) && seen(from) && (goal(f) - goal(from)).abs() < SAME;
+            let goes_on = f < frames && same() && !pulled.get(f).is_some_and(|p| *p);
             if goes_on {
                 continue;
             }
             if seen(from) && f > from + SETTLES {
                 let (from, goal) = (from + SETTLES - 1, goal(from));
                 found.push(Hold { joint, from, to: f - 1, goal });
+            }
+            from = f;
+        }
+    }
+    found
+}
+
+/// The frames to which another joint of the same actuator moves from one goal to another one, with the gap between
+/// them. Empty if no joint is tied to this one.
+fn pulled(goals: &Goals, joint: usize) -> Vec<bool> {
+    let mut found = Vec::new();
+    for partner in goals.ties().partners(joint) {
+        found.resize(goals.frames(), false);
+        let mut from = 0;
+        for f in (1..goals.frames()).filter(|&f| goals.is_visible(f, partner)) {
+            if (goals.row(f)[partner] - goals.row(from)[partner]).abs() >= SAME {
+                found[from + 1..=f].fill(true);
             }
             from = f;
         }
@@ -165,5 +184,33 @@ mod tests {
         assert_eq!((frame, joint), (10 + SETTLES - 1, 0));
         // So far it has not moved.
         assert!(restlessness(&goals, &states(0.3, [22, 25], 20)) < 1e-9);
+    }
+
+    #[test]
+    fn a_joint_that_the_tendon_moves_for_another_one_is_not_restless() {
+        let hand = robert_robot::Robot::builtin("shadow_hand").unwrap();
+        let at = |name: &str| hand.joint_index(name).unwrap();
+        let (middle, tip, d) = (at("FFJ2"), at("FFJ1"), hand.state_dim());
+        let names = hand.joints().iter().map(|j| j.name.clone()).collect();
+        // The middle joint bends in the frames 20 to 24 and stretches through a gap up to frame 60.
+        let bent = |f: usize| [0.0, 0.8][usize::from((20..40).contains(&f))];
+        let seen = |f: usize| !(40..60).contains(&f);
+        let keys = |f: usize| (0..d).map(move |j| if j == middle { bent(f) } else { 0.0 });
+        let visible = (0..80).flat_map(|f| (0..d).map(move |j| j != middle || seen(f))).collect();
+        let q = (0..80).flat_map(keys).collect();
+        let goals = Goals::new(&Command::from_dense(names, vec![0.0; d], q, visible).unwrap());
+        let tied = goals.clone().tied(&hand);
+        let follows = |between: Range<usize>| {
+            let mut all = vec![0.0; (HISTORY + 80) * d];
+            between.for_each(|f| all[(HISTORY + f) * d + tip] = 0.3);
+            (restlessness(&goals, &all), restlessness(&tied, &all))
+        };
+        let (alone, along) = follows(22..45);
+        assert!(alone > 0.2 && along < 1e-9, "{alone} {along}");
+        // What it does while the tendon is still is its own.
+        for own in [10..15, 30..35, 70..75] {
+            let (alone, along) = follows(own);
+            assert!(along > 0.2 && (alone - along).abs() < 1e-9, "{alone} {along}");
+        }
     }
 }

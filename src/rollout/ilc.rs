@@ -316,11 +316,11 @@ mod tests {
         };
         let mut first = fresh();
         first.run(&Cancel::default()).unwrap();
-        let score = |r: &Rollout| Judge::of(r.robot()).score(r);
+        let score = |r: &Rollout| Judge::default().score(r);
         let before = score(&first).unwrap();
         // A judge who refuses the first motion takes one that becomes better.
         let most = 0.9 * first.precision().precision.unwrap();
-        let judge = Judge::of(&robot).no_farther_than(most);
+        let judge = Judge::default().no_farther_than(most);
         assert_eq!(judge.score(&first), None);
         let repeats = Repeats::new((0, &policy), &first, [fresh(), fresh()], judge).unwrap();
         let mut repeats = repeats.unwrap();

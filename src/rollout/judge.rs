@@ -5,10 +5,6 @@
 //! stays behind another one for a second adds little to the mean over all joints and frames, but a
 //! person sees it at once. A strict judge gives the errors of joints that jam more weight, as long as
 //! the usual sum stays nearly as small. A gentle judge gives jerk in gaps more weight in the same way.
-//!
-//! Two joints of one tendon that are asked for 0 and 1.2 have the same sum of errors wherever their own
-//! sum is between these goals: half bent or hardly bent at all. The tendon moves their sum, so its error
-//! decides such ties.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -18,7 +14,6 @@ use super::jam::Off;
 use super::natural;
 use super::run::Rollout;
 use super::window::HISTORY;
-use robert_robot::{Coupling, Robot};
 
 /// Weight that a strict judge gives to the errors of joints that jam: a joint that comes free may cost
 /// the others four fifths of what it gains.
@@ -31,17 +26,9 @@ pub(super) const GENTLY: f64 = 8.0;
 /// Under a gentle judge the usual sum may grow by this share.
 const GENTLE_LOSS: f64 = 0.03;
 
-/// Weight of the error of coupled joints together, beside their own: it only decides ties.
-const COUPLED_WEIGHT: f64 = 0.01;
-
-/// The joints that one actuator moves together, and how far each.
-type Tie = Vec<(usize, f64)>;
-
 /// Compares motions; the smaller the score the better.
 #[derive(Clone, Debug)]
 pub(super) struct Judge {
-    /// The coupled joints of the robot.
-    ties: Arc<[Tie]>,
     /// Weights of the errors, (frames, S); `None` if all are 1.
     weights: Option<Arc<[f64]>>,
     /// The largest Precision that a motion may have, rad or m.
@@ -55,31 +42,14 @@ pub(super) struct Judge {
 }
 
 impl Default for Judge {
-    /// The judge of a robot without coupled joints.
+    /// The usual judge.
     fn default() -> Judge {
-        let (any, ties) = (f64::INFINITY, Arc::new([]));
-        Judge { ties, weights: None, farthest: any, most: any, growth: any, jolts: 1.0 }
+        let any = f64::INFINITY;
+        Judge { weights: None, farthest: any, most: any, growth: any, jolts: 1.0 }
     }
 }
 
 impl Judge {
-    /// The usual judge of a robot's motions.
-    pub(super) fn of(robot: &Robot) -> Judge {
-        let place = |name: &str| robot.joint_index(name).ok();
-        let tie = |coupling: &Coupling| -> Option<Tie> {
-            match coupling {
-                Coupling::Tendon { joints, coefs, .. } => {
-                    joints.iter().zip(coefs).map(|(j, c)| Some((place(j)?, *c))).collect()
-                }
-                Coupling::Mimic { follower, leader, multiplier, .. } => {
-                    Some(vec![(place(leader)?, 1.0), (place(follower)?, *multiplier)])
-                }
-            }
-        };
-        let ties = robot.profile().couplings.iter().filter_map(tie).collect();
-        Judge { ties, ..Judge::default() }
-    }
-
     /// The same judge, who refuses motions with a larger Precision than `farthest`, rad or m.
     pub(super) fn no_farther_than(self, farthest: f64) -> Judge {
         Judge { farthest, ..self }
@@ -157,7 +127,7 @@ impl Judge {
         let (goals, reached) = (motion.sought(), motion.reached());
         let errors: f64 = part.clone().map(|f| self.error_at(goals, reached, f)).sum();
         let penalty = natural::counted(natural::unnatural_until(motion, part.end));
-        errors / commanded(goals, part).max(1.0) + penalty
+        errors / goals.commanded(part).max(1.0) + penalty
     }
 
     /// The mean weighted error and the penalty for unnatural motion in gaps, rad or m. `None`
@@ -168,12 +138,12 @@ impl Judge {
         let penalties = natural::apart(rollout);
         let penalty = natural::counted(penalties.0 + penalties.1);
         let weighted = match self.weights {
-            None if self.ties.is_empty() => error,
-            _ => {
+            None => error,
+            Some(_) => {
                 let reached = &rollout.states()[HISTORY * goals.dim()..];
                 let frames = 1..goals.frames();
                 let errors: f64 = frames.clone().map(|f| self.error_at(goals, reached, f)).sum();
-                errors / commanded(goals, &frames)
+                errors / goals.commanded(&frames)
             }
         };
         (precision <= self.farthest && error + penalty < self.most)
@@ -192,16 +162,8 @@ impl Judge {
         let error = |j: usize| reached[f * d + j] - goals.row(f)[j];
         let seen = (0..d).filter(|&j| goals.is_visible(f, j));
         let each: f64 = seen.map(|j| self.weight(goals, f, j) * error(j).abs()).sum();
-        let whole = self.ties.iter().filter(|tie| tie.iter().all(|(j, _)| goals.is_visible(f, *j)));
-        let together = whole.map(|tie| tie.iter().map(|(j, c)| c * error(*j)).sum::<f64>().abs());
-        each + COUPLED_WEIGHT * together.sum::<f64>()
+        each + goals.tied_error(reached, f)
     }
-}
-
-/// The number of goals at these frames. Precision is the mean error over those of all frames but the start.
-pub(super) fn commanded(goals: &Goals, frames: &Range<usize>) -> f64 {
-    let seen = |f: usize| (0..goals.dim()).filter(move |&j| goals.is_visible(f, j)).count();
-    frames.clone().map(seen).sum::<usize>() as f64
 }
 
 #[cfg(test)]
@@ -209,26 +171,8 @@ mod tests {
     use super::*;
     use crate::{PolicyConfig, PolicyName, RolloutConfig, Start, tasks};
     use robert_base::progress::Cancel;
-    use robert_clip::{Command, compile};
-
-    #[test]
-    fn the_length_of_a_tendon_decides_between_equal_sums() {
-        let hand = Robot::builtin("shadow_hand").unwrap();
-        let [a, b] = ["FFJ2", "FFJ1"].map(|name| hand.joint_index(name).unwrap());
-        let names = hand.joints().iter().map(|j| j.name.clone()).collect();
-        let d = hand.state_dim();
-        let goal: Vec<f32> = (0..d).map(|j| if j == b { 1.2 } else { 0.0 }).collect();
-        let command = Command::from_dense(names, vec![0.0; d], goal, vec![true; d]).unwrap();
-        let (goals, judge) = (Goals::new(&command), Judge::of(&hand));
-        let error = |x: f64, y: f64| {
-            let mut reached = vec![0.0; d];
-            (reached[a], reached[b]) = (x, y);
-            (judge.error_at(&goals, &reached, 0), Judge::default().error_at(&goals, &reached, 0))
-        };
-        let (half, hardly) = (error(0.6, 0.6), error(0.15, 0.15));
-        assert!((half.1 - hardly.1).abs() < 1e-6 && (half.0 - half.1).abs() < 1e-6);
-        assert!((hardly.0 - hardly.1 - COUPLED_WEIGHT * 0.9).abs() < 1e-6, "{hardly:?}");
-    }
+    use robert_clip::compile;
+    use robert_robot::Robot;
 
     #[test]
     fn a_strict_judge_counts_the_frames_of_a_jam_five_times() {
@@ -238,12 +182,12 @@ mod tests {
         let config = RolloutConfig::default();
         let mut rollout = Rollout::new(&robot, pd, &command, Start::Pose, config).unwrap();
         rollout.run(&Cancel::default()).unwrap();
-        let usual = Judge::of(&robot).score(&rollout).unwrap();
+        let usual = Judge::default().score(&rollout).unwrap();
         let jam = Off { joint: 1, from: 10, to: 40 };
         let goals = rollout.goals();
         let error = |f: usize| (rollout.reached()[2 * f + 1] - goals.row(f)[1]).abs();
-        let more = 4.0 * (10..40).map(error).sum::<f64>() / commanded(goals, &(1..goals.frames()));
-        let judge = Judge::of(&robot);
+        let more = 4.0 * (10..40).map(error).sum::<f64>() / goals.commanded(&(1..goals.frames()));
+        let judge = Judge::default();
         let strict = judge.strict(&rollout, &[jam], f64::INFINITY).score(&rollout).unwrap();
         assert!(more > 0.0 && (strict - usual - more).abs() < 1e-12, "{strict} {usual} {more}");
         // What would be worse than the first motions is no choice.

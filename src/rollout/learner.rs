@@ -496,7 +496,7 @@ mod tests {
         let search = |threads| {
             let rollouts = [fresh(0).unwrap(), fresh(0).unwrap()];
             let racer =
-                Repeats::new((0, &policy), &first, rollouts, Judge::of(&robot)).unwrap().unwrap();
+                Repeats::new((0, &policy), &first, rollouts, Judge::default()).unwrap().unwrap();
             let mut learner =
                 Learner::new(vec![racer], Vec::new(), f64::INFINITY, threads).unwrap();
             while learner.stage() != Stage::Search {
@@ -512,7 +512,7 @@ mod tests {
             (before, learner)
         };
         let ((passes, gaps), learner) = search(1);
-        let least = Judge::of(&robot).score(learner.best().unwrap()).unwrap();
+        let least = Judge::default().score(learner.best().unwrap()).unwrap();
         assert!(least < passes, "{least} {passes}");
         assert!(learner.lead().gaps <= gaps, "no way leads through unnatural motion in gaps");
         let (_, on_three) = search(3);

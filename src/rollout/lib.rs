@@ -62,6 +62,7 @@ mod spline;
 mod stats;
 mod suite;
 pub mod tasks;
+mod ties;
 mod trial;
 mod window;
 mod worst;

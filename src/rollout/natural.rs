@@ -7,7 +7,7 @@ use super::holds;
 use super::jam;
 use super::run::Rollout;
 use super::window::HISTORY;
-use robert_robot::{Coupling, Drive, Robot};
+use robert_robot::{Drive, Robot};
 
 /// The distance that a joint without goals may go without a penalty, rad or m.
 const FREE: f64 = 0.1;
@@ -70,17 +70,6 @@ fn measured(rollout: &Rollout, end: usize) -> (f64, f64) {
 fn free(robot: &Robot, goals: &Goals) -> Vec<usize> {
     let open = |j: usize| (1..goals.frames()).all(|f| !goals.is_visible(f, j));
     let place = |name: &String| robot.joint_index(name).ok();
-    let tied: Vec<Vec<usize>> = robot
-        .profile()
-        .couplings
-        .iter()
-        .map(|coupling| match coupling {
-            Coupling::Tendon { joints, .. } => joints.iter().filter_map(place).collect(),
-            Coupling::Mimic { follower, leader, .. } => {
-                [leader, follower].into_iter().filter_map(place).collect()
-            }
-        })
-        .collect();
     let moved = robot.actuators().iter().flat_map(|a| match &a.drive {
         Drive::Joint(name) => place(name).into_iter().collect(),
         Drive::Tendon(name) => robot
@@ -90,7 +79,7 @@ fn free(robot: &Robot, goals: &Goals) -> Vec<usize> {
             .collect(),
         Drive::Other(_) => Vec::new(),
     });
-    let alone = |j: &usize| tied.iter().filter(|t| t.contains(j)).flatten().all(|&k| open(k));
+    let alone = |j: &usize| goals.ties().partners(*j).all(open);
     moved.filter(|j| open(*j) && alone(j)).collect()
 }
 
@@ -215,7 +204,7 @@ mod tests {
         // Of the index finger's tendon one joint has a goal.
         let mut seen = vec![None; 22];
         seen[at("FFJ2")] = Some(0.5);
-        let goals = goals(22, 40, &[(0, &vec![Some(0.0); 22]), (20, &seen)]);
+        let goals = goals(22, 40, &[(0, &vec![Some(0.0); 22]), (20, &seen)]).tied(&robot);
         let free = free(&robot, &goals);
         assert!(!free.contains(&at("FFJ2")) && !free.contains(&at("FFJ1")), "{free:?}");
         assert!(free.contains(&at("FFJ3")) && free.contains(&at("MFJ1")), "{free:?}");

@@ -167,6 +167,7 @@ impl Rollout {
         let model = config.plant.model(robot)?;
         let substeps = substeps(&model)?;
         let plant = Data::new(&model)?;
+        let goals = goals.tied(robot);
         let plan = plan(&goals, config.guide);
         let first = match start {
             Start::Pose => first_state(robot, &start_pose)?,
@@ -351,6 +352,7 @@ impl Rollout {
         let start_pose = pose(command);
         let moved = self.start == Start::Pose && start_pose != self.start_pose;
         let first_state = moved.then(|| first_state(&self.robot, &start_pose)).transpose()?;
+        let goals = goals.tied(&self.robot);
         let plan = plan(&goals, self.config.guide);
         let first = if moved { Some(0) } else { self.first_difference(&self.led, &plan) };
         (self.goals, self.led, self.plan, self.lead) = (goals, plan.clone(), plan, None);
@@ -546,13 +548,21 @@ impl Rollout {
         self.goals.restored()
     }
 
-    /// Precision, and the mean error over the goals that are sought, rad or m. `None` if nothing is commanded.
+    /// In a clip with dropouts, the mean error over goals and the likely motion in dropouts, rad or m.
+    pub(super) fn error_with_dropouts(&self) -> Option<f64> {
+        let restored = self.goals.has_dropouts().then(|| self.sought())?;
+        self.measured(restored).precision
+    }
+
+    /// Precision, and what motions are compared by: the mean error over the goals that are sought, with that of tied
+    /// joints together; rad or m. `None` if nothing is commanded.
     pub(super) fn errors(&self) -> Option<(f64, f64)> {
         let precision = self.precision().precision?;
-        if self.goals.has_dropouts() {
-            return Some((precision, self.measured(self.sought()).precision?));
-        }
-        Some((precision, precision))
+        let error = self.error_with_dropouts().unwrap_or(precision);
+        let (goals, reached) = (self.sought(), self.reached());
+        let frames = 1..goals.frames().min(reached.len() / goals.dim());
+        let together: f64 = frames.clone().map(|f| goals.tied_error(reached, f)).sum();
+        Some((precision, error + together / goals.commanded(&frames).max(1.0)))
     }
 
     /// The robot.

@@ -419,7 +419,7 @@ mod tests {
         };
         let mut first = fresh().unwrap();
         first.run(&Cancel::default()).unwrap();
-        let judge = Judge::of(&robot);
+        let judge = Judge::default();
         let (usual, gaps) = (judge.score(&first).unwrap(), unnatural(&first));
         let search = |threads| {
             let mut search = Search::new(None, &judge, threads, fresh).unwrap();

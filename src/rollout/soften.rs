@@ -9,7 +9,7 @@
 use super::error::Error;
 use super::gap::Gap;
 use super::gaps::{self, Roughness};
-use super::judge::{self, Judge, commanded};
+use super::judge::{self, Judge};
 use super::lead::Lead;
 use super::natural;
 use super::run::Rollout;
@@ -143,7 +143,7 @@ impl Softening {
         }
         let before: usize = self.attempts.iter().map(|a| a.rollout.simulated()).sum();
         let goals = self.motion.sought();
-        let commanded = commanded(goals, &(1..goals.frames()));
+        let commanded = goals.commanded(&(1..goals.frames()));
         let (judge, states) = (&self.judge, self.motion.states());
         let rival = Rival { judge, states, commanded, patience: judge.patience(least) };
         let mut going: Vec<_> = self.attempts.iter_mut().filter(|a| a.going).collect();
@@ -389,7 +389,7 @@ mod tests {
             };
             let mut first = fresh().unwrap();
             first.run(&Cancel::default()).unwrap();
-            let usual = Judge::of(&robot);
+            let usual = Judge::default();
             let least = usual.score(&first).unwrap();
             let soften = |threads: usize| {
                 // It begins also where nothing better than the first motion was found.

@@ -23,6 +23,10 @@ pub struct Trial {
     /// In clips with dropouts, the mean error over goals and the likely motion in dropouts, rad or m.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub with_dropouts: Option<f64>,
+    /// What decides beside the penalty, rad or m: the mean error of [`Trial::with_dropouts`], else Precision, with that
+    /// of tied joints together.
+    #[serde(skip)]
+    pub(super) judged: Option<f64>,
     /// Penalty of its motion, rad or m: for overshoot, long paths and jerk in gaps, for a missed frame and
     /// for motion within holds. 0 if the motion is within the limits.
     pub gaps: f64,
@@ -38,7 +42,8 @@ impl Trial {
         Trial {
             policy: policy.label(),
             precision: errors.map(|e| e.0),
-            with_dropouts: errors.map(|e| e.1).filter(|_| rollout.goals().has_dropouts()),
+            with_dropouts: rollout.error_with_dropouts(),
+            judged: errors.map(|e| e.1),
             gaps: counted(unnatural(rollout)),
             error: None,
         }
@@ -47,12 +52,13 @@ impl Trial {
     /// A policy that could not perform it.
     pub(super) fn failed(policy: &PolicyConfig, error: Option<&Error>) -> Trial {
         let error = error.map(ToString::to_string);
-        Trial { policy: policy.label(), precision: None, with_dropouts: None, gaps: 0.0, error }
+        let policy = policy.label();
+        Trial { policy, precision: None, with_dropouts: None, judged: None, gaps: 0.0, error }
     }
 
     /// What decides: the smaller the better.
     fn score(&self) -> Option<f64> {
-        Some(self.with_dropouts.or(self.precision)? + self.gaps)
+        Some(self.judged? + self.gaps)
     }
 
     /// The score of a motion whose Precision is not above `limit`.
@@ -107,6 +113,7 @@ mod tests {
             policy: "x".into(),
             precision: Some(precision),
             with_dropouts: None,
+            judged: Some(precision),
             gaps,
             error: None,
         }
@@ -119,7 +126,7 @@ mod tests {
         // Where all shake, the distance to the goals decides.
         let wild = |precision, gaps| trial(precision, counted(gaps));
         assert_eq!(best(&[wild(0.35, 0.15), wild(0.15, 0.9), wild(0.2, 5.0)]), Some(1));
-        let failed = Trial { precision: None, ..trial(0.0, 0.0) };
+        let failed = Trial { precision: None, judged: None, ..trial(0.0, 0.0) };
         assert_eq!(best(&[failed.clone(), trial(0.1, 0.0)]), Some(1));
         assert_eq!(best(&[failed]), None);
     }
