@@ -5,7 +5,7 @@
 //! the motion behind its masks is known.
 
 use super::error::Error;
-use super::run::Start;
+use super::start::Start;
 use super::suite::{Case, Suite};
 use super::window::HISTORY;
 use robert_base::rng::{Rng, Stream};

@@ -6,10 +6,12 @@ use super::error::Error;
 use super::goals::Goals;
 use super::guide::Guide;
 use super::holds;
+use super::joint_order::check_joints;
 use super::lead::Lead;
 use super::nominal_model::substeps;
 use super::policy::{Policy, View};
 use super::precision::Precision;
+use super::start::{Start, first_state};
 use super::window::{COMMAND, HISTORY, Window};
 use super::worst::Worst;
 use robert_base::progress::Cancel;
@@ -17,35 +19,6 @@ use robert_base::units::CTRL_DT;
 use robert_clip::Command;
 use robert_mujoco::{Data, Snapshot};
 use robert_robot::{PlantConfig, Robot};
-
-/// The start of a rollout.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Start {
-    /// At the clip's start pose, at rest, as if it had been held for 30 frames. Parts that overlap in it begin where
-    /// contact pushes them apart ([`Robot::apart`]).
-    Pose,
-    /// In the middle of a recorded motion.
-    Recorded {
-        /// States of the 30 frames before; (30, S).
-        history: Vec<f64>,
-        /// State of frame 0; (S).
-        state: Vec<f64>,
-        /// True joint velocities of frame 0; (S).
-        velocity: Vec<f64>,
-    },
-}
-
-impl Start {
-    /// The goals of a clip that begins so.
-    pub(super) fn goals(&self, command: &Command) -> Goals {
-        match self {
-            Start::Pose => Goals::new(command),
-            Start::Recorded { history, state, .. } => {
-                Goals::after(command, &[&history[..], state].concat())
-            }
-        }
-    }
-}
 
 /// Settings of a rollout.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -625,64 +598,12 @@ fn pose(command: &Command) -> Vec<f64> {
     command.start().iter().map(|&v| f64::from(v)).collect()
 }
 
-/// The state at frame 0 of a rollout from this pose; (S).
-fn first_state(robot: &Robot, start_pose: &[f64]) -> Result<Vec<f64>, Error> {
-    Ok(robot.apart(start_pose)?.unwrap_or_else(|| start_pose.to_vec()))
-}
-
 /// The goals as the guide leaves them for the policy.
 fn plan(goals: &Goals, guide: Guide) -> Goals {
     match guide {
         Guide::Smooth => goals.smooth(),
         Guide::None | Guide::Linear => goals.clone(),
     }
-}
-
-/// A command with its joints in the robot's order.
-///
-/// # Errors
-/// [`Error::Joints`] if they are not the robot's joints.
-pub fn in_order(robot: &Robot, command: Command) -> Result<Command, Error> {
-    let names: Vec<String> = robot.joints().iter().map(|j| j.name.clone()).collect();
-    let same = command.dim() == names.len();
-    let command = same.then(|| command.reordered(&names)).flatten().unwrap_or(command);
-    check_joints(robot, &command)?;
-    Ok(command)
-}
-
-/// The command must name the robot's joints in the robot's order.
-fn check_joints(robot: &Robot, command: &Command) -> Result<(), Error> {
-    let known: Vec<&str> = robot.joints().iter().map(|j| j.name.as_str()).collect();
-    if known.iter().eq(command.joints().iter()) {
-        return Ok(());
-    }
-    let strange = command.joints().iter().find(|j| !known.contains(&j.as_str()));
-    let why = match strange {
-        Some(joint) => format!("\"{joint}\" is not a joint of the robot"),
-        None => {
-            let missing: Vec<&str> = known
-                .iter()
-                .filter(|name| !command.joints().iter().any(|j| j == *name))
-                .copied()
-                .collect();
-            match missing.len() {
-                0 => "their order differs".to_owned(),
-                n => {
-                    let some = missing[..n.min(5)].join(", ");
-                    let more = if n > 5 { format!(" and {} more", n - 5) } else { String::new() };
-                    format!(
-                        "it lacks {some}{more}: every joint of the robot has a place in each row, with null where it has no goal"
-                    )
-                }
-            }
-        }
-    };
-    Err(Error::Joints {
-        robot: robot.id().to_owned(),
-        got: command.dim(),
-        want: robot.state_dim(),
-        hint: format!("{why}; correct the clip, or name its own robot with --robot"),
-    })
 }
 
 #[cfg(test)]
