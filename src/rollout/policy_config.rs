@@ -12,7 +12,8 @@ use super::guide::Guide;
 use super::ilqr::{Ilqr, IlqrConfig};
 use super::inference::Inference;
 use super::inverse::Inverse;
-use super::learned::{self, Linear};
+use super::linear::Linear;
+use super::model_file;
 use super::nearest::Nearest;
 use super::pd::Pd;
 use super::policy::Policy;
@@ -41,7 +42,7 @@ fn unknown(robot: &Robot, path: &Path) -> Error {
         [] => format!("no {what}"),
         names => format!("the {what} {}", names.join(", ")),
     };
-    let (models, runs) = (shipped::of(robot), learned::runs_near(path));
+    let (models, runs) = (shipped::of(robot), model_file::runs_near(path));
     Error::UnknownModel {
         robot: robot.id().to_owned(),
         name: path.display().to_string(),
@@ -169,7 +170,7 @@ impl PolicyConfig {
         match self.model_name().map(|name| shipped::get(robot, name)).transpose()?.flatten() {
             Some(model) => Ok(model),
             None if !path.exists() => Err(unknown(robot, path)),
-            None => Ok(Arc::new(learned::load(robot, path)?)),
+            None => Ok(Arc::new(model_file::load(robot, path)?)),
         }
     }
 
@@ -239,7 +240,7 @@ impl PolicyConfig {
                 inside(FitKind::Nearest.file()).or_else(|| inside("manifest.json"))
             }
             PolicyName::MlpInverse => inside(FitKind::MlpInverse.file()),
-            _ => Some(learned::model_path(path)),
+            _ => Some(model_file::model_path(path)),
         };
         Some(found.unwrap_or_else(|| path.to_owned())).filter(|p| p.is_file())
     }
@@ -275,12 +276,12 @@ impl PolicyConfig {
                 Box::new(linear.with_observer(self.inference.observer)?)
             }
             PolicyName::Nearest => {
-                Box::new(Nearest::open(self.needed_path()?, &learned::robot_card(robot))?)
+                Box::new(Nearest::open(self.needed_path()?, &model_file::robot_card(robot))?)
             }
             PolicyName::MlpInverse => {
                 let path = self.needed_path()?;
                 let path = self.file().unwrap_or_else(|| path.to_owned());
-                Box::new(Inverse::load(&path, Some(&learned::robot_card(robot)))?)
+                Box::new(Inverse::load(&path, Some(&model_file::robot_card(robot)))?)
             }
         };
         Ok(if self.refine { Box::new(Refined::new(robot, policy)?) } else { policy })

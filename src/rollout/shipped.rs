@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use super::error::Error;
-use super::learned::robot_card;
+use super::model_file::robot_card;
 use robert_base::fsio;
 use robert_net::{Card, Model, checkpoint};
 use robert_robot::Robot;
