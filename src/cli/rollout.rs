@@ -277,7 +277,7 @@ fn tried(done: &Performed, unit: &str) -> String {
     let each = each.collect::<Vec<_>>().join(", ");
     let chosen = list.iter().find(|t| t.policy == done.policy.label());
     let close = if chosen.is_some_and(|t| error(list[0]) < error(t)) {
-        "; those with less error move less naturally in the gaps, or miss a frame by more"
+        "; those with less error move less naturally in gaps or holds, miss a frame by more, or leave a tendon farther from its length"
     } else {
         ""
     };

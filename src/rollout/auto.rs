@@ -112,7 +112,7 @@ impl Contenders {
         cancel: &Cancel,
     ) -> Result<Chosen, Error> {
         let done = AtomicUsize::new(0);
-        let goals = start.goals(command);
+        let goals = self.contest.goals(start, command);
         let clip = (command, &goals);
         let differ = self.contest.differing(&goals);
         let most = ilc::LONGEST;
@@ -320,7 +320,7 @@ mod tests {
         assert_eq!(one.tried, two.tried);
         let own = one.tried.iter().find(|t| t.policy == one.policy.label()).unwrap();
         assert_eq!(own.precision, one.rollout.precision().precision);
-        let score = |t: &Trial| t.precision.unwrap() + t.gaps;
+        let score = |t: &Trial| t.judged.unwrap() + t.gaps;
         assert!(one.tried.iter().all(|t| score(own) <= score(t)));
     }
 }

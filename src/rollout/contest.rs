@@ -56,6 +56,11 @@ impl Contest {
         planner.map_or_else(|| &self.policies[at], |planner| &self.planners[planner])
     }
 
+    /// The goals of a clip that begins so, for this robot.
+    pub(super) fn goals(&self, start: &Start, command: &Command) -> Goals {
+        start.goals(command).tied(&self.robot)
+    }
+
     /// The places of the contenders that move differently. In a clip without gaps there is nothing to
     /// fill, so a policy moves like its twin that does not fill them.
     pub(super) fn differing(&self, goals: &Goals) -> Vec<usize> {

@@ -104,7 +104,11 @@ impl Goals {
     /// These goals for a robot, with the joints that one actuator moves together.
     #[must_use]
     pub(super) fn tied(mut self, robot: &Robot) -> Goals {
-        self.ties = Ties::of(robot);
+        let ties = Ties::of(robot);
+        if self.ties == ties {
+            return self;
+        }
+        self.ties = ties;
         if let Some(restored) = &mut self.restored {
             Arc::make_mut(restored).ties = self.ties.clone();
         }

@@ -17,6 +17,8 @@ use super::worst::Worst;
 const SETTLES: usize = 8;
 /// Motion of a joint in a hold that is not counted, rad or m.
 const ALLOWANCE: f64 = 0.02;
+/// A joint that is asked to move no faster than this hardly moves the others of its actuator, rad or m a frame.
+const SLOW: f64 = ALLOWANCE / SETTLES as f64;
 /// Goals that differ by less are the same, rad or m.
 const SAME: f64 = 1e-6;
 
@@ -32,9 +34,9 @@ struct Hold {
 fn holds(goals: &Goals, frames: usize) -> Vec<Hold> {
     let mut found = Vec::new();
     for joint in 0..goals.dim() {
-        let pulled = pulled(goals, joint);
         let last = (1..goals.frames()).rev().find(|&f| goals.is_visible(f, joint));
         let Some(last) = last else { continue };
+        let pulled = pulled(goals, joint);
         let goal = |f: usize| goals.row(f.min(last))[joint];
         let seen = |f: usize| f > last || goals.is_visible(f, joint);
         let mut from = 1;
@@ -54,15 +56,16 @@ fn holds(goals: &Goals, frames: usize) -> Vec<Hold> {
     found
 }
 
-/// The frames to which another joint of the same actuator moves from one goal to another one, with the gap between
-/// them. Empty if no joint is tied to this one.
+/// Whether, at each frame, another joint of the same actuator is on its way to a different goal; its gaps count.
+/// Empty if no joint is tied to this one.
 fn pulled(goals: &Goals, joint: usize) -> Vec<bool> {
     let mut found = Vec::new();
     for partner in goals.ties().partners(joint) {
         found.resize(goals.frames(), false);
         let mut from = 0;
         for f in (1..goals.frames()).filter(|&f| goals.is_visible(f, partner)) {
-            if (goals.row(f)[partner] - goals.row(from)[partner]).abs() >= SAME {
+            let way = (goals.row(f)[partner] - goals.row(from)[partner]).abs();
+            if way > SLOW * (f - from) as f64 {
                 found[from + 1..=f].fill(true);
             }
             from = f;
@@ -71,7 +74,8 @@ fn pulled(goals: &Goals, joint: usize) -> Vec<bool> {
     found
 }
 
-/// The frames about this one with the same goal of a joint; `None` if it has no goal there.
+/// The frames about this one with the same goal of a joint, whatever joints that are tied to it do; `None` if it has
+/// no goal there.
 pub(super) fn around(goals: &Goals, frame: usize, joint: usize) -> Option<Range<usize>> {
     let goal = |f: usize| goals.is_visible(f, joint).then(|| goals.row(f)[joint]);
     let here = goal(frame)?;
@@ -191,14 +195,14 @@ mod tests {
         let hand = robert_robot::Robot::builtin("shadow_hand").unwrap();
         let at = |name: &str| hand.joint_index(name).unwrap();
         let (middle, tip, d) = (at("FFJ2"), at("FFJ1"), hand.state_dim());
-        let names = hand.joints().iter().map(|j| j.name.clone()).collect();
-        // The middle joint bends in the frames 20 to 24 and stretches through a gap up to frame 60.
+        let names = || hand.joints().iter().map(|j| j.name.clone()).collect();
+        // The middle joint is bent in the frames 20 to 39 and stretches through a gap up to frame 60.
         let bent = |f: usize| [0.0, 0.8][usize::from((20..40).contains(&f))];
         let seen = |f: usize| !(40..60).contains(&f);
         let keys = |f: usize| (0..d).map(move |j| if j == middle { bent(f) } else { 0.0 });
         let visible = (0..80).flat_map(|f| (0..d).map(move |j| j != middle || seen(f))).collect();
         let q = (0..80).flat_map(keys).collect();
-        let goals = Goals::new(&Command::from_dense(names, vec![0.0; d], q, visible).unwrap());
+        let goals = Goals::new(&Command::from_dense(names(), vec![0.0; d], q, visible).unwrap());
         let tied = goals.clone().tied(&hand);
         let follows = |between: Range<usize>| {
             let mut all = vec![0.0; (HISTORY + 80) * d];
@@ -207,6 +211,14 @@ mod tests {
         };
         let (alone, along) = follows(22..45);
         assert!(alone > 0.2 && along < 1e-9, "{alone} {along}");
+        // A slow drift of the middle joint is no reason to flutter.
+        let drift =
+            |f: usize| (0..d).map(move |j| if j == middle { 0.002 * f as f32 } else { 0.0 });
+        let (q, all) = ((0..80).flat_map(drift).collect(), vec![true; 80 * d]);
+        let slow = Goals::new(&Command::from_dense(names(), vec![0.0; d], q, all).unwrap());
+        let mut states = vec![0.0; (HISTORY + 80) * d];
+        states[(HISTORY + 40) * d + tip] = 0.3;
+        assert!(restlessness(&slow.tied(&hand), &states) > 0.5);
         // What it does while the tendon is still is its own.
         for own in [10..15, 30..35, 70..75] {
             let (alone, along) = follows(own);

@@ -1,7 +1,8 @@
 //! What decides between two motions of a clip.
 //!
 //! Usually the smaller sum of Precision and the penalty for unnatural motion in gaps and a missed frame. The likely motion in
-//! dropouts counts as goals do. A finger that
+//! dropouts counts as goals do, and the length of a tendon that moves several joints counts as well ([`super::ties`]).
+//! A finger that
 //! stays behind another one for a second adds little to the mean over all joints and frames, but a
 //! person sees it at once. A strict judge gives the errors of joints that jam more weight, as long as
 //! the usual sum stays nearly as small. A gentle judge gives jerk in gaps more weight in the same way.
@@ -13,7 +14,6 @@ use super::goals::Goals;
 use super::jam::Off;
 use super::natural;
 use super::run::Rollout;
-use super::window::HISTORY;
 
 /// Weight that a strict judge gives to the errors of joints that jam: a joint that comes free may cost
 /// the others four fifths of what it gains.
@@ -124,29 +124,28 @@ impl Judge {
 
     /// The mean weighted error of the goals of a part, and the penalty up to its end, rad or m.
     fn sum(&self, motion: &Rollout, part: &Range<usize>) -> f64 {
-        let (goals, reached) = (motion.sought(), motion.reached());
-        let errors: f64 = part.clone().map(|f| self.error_at(goals, reached, f)).sum();
         let penalty = natural::counted(natural::unnatural_until(motion, part.end));
-        errors / goals.commanded(part).max(1.0) + penalty
+        self.mean(motion, part) + penalty
+    }
+
+    /// The mean weighted error over the goals of these frames, with that of tied joints together.
+    fn mean(&self, motion: &Rollout, frames: &Range<usize>) -> f64 {
+        let (goals, reached) = (motion.sought(), motion.reached());
+        let errors: f64 = frames.clone().map(|f| self.error_at(goals, reached, f)).sum();
+        errors / goals.commanded(frames).max(1.0)
     }
 
     /// The mean weighted error and the penalty for unnatural motion in gaps, rad or m. `None`
     /// if nothing was commanded, or if Precision or the usual sum is too large.
     pub(super) fn score(&self, rollout: &Rollout) -> Option<f64> {
-        let goals = rollout.sought();
-        let (precision, error) = rollout.errors()?;
+        let errors = rollout.errors()?;
         let penalties = natural::apart(rollout);
         let penalty = natural::counted(penalties.0 + penalties.1);
         let weighted = match self.weights {
-            None => error,
-            Some(_) => {
-                let reached = &rollout.states()[HISTORY * goals.dim()..];
-                let frames = 1..goals.frames();
-                let errors: f64 = frames.clone().map(|f| self.error_at(goals, reached, f)).sum();
-                errors / goals.commanded(&frames)
-            }
+            None => errors.judged,
+            Some(_) => self.mean(rollout, &(1..rollout.sought().frames())),
         };
-        (precision <= self.farthest && error + penalty < self.most)
+        (errors.precision <= self.farthest && errors.judged + penalty < self.most)
             .then_some(weighted + self.penalty(penalties))
     }
 
@@ -155,8 +154,8 @@ impl Judge {
         self.weights.as_ref().map_or(1.0, |w| w[frame * goals.dim() + joint])
     }
 
-    /// The weighted sum of the errors of a frame, with those that decide ties; `reached` is
-    /// (frames, S).
+    /// The weighted sum of the errors of a frame, with that of tied joints together ([`Goals::tied_error`]);
+    /// `reached` is (frames, S).
     pub(super) fn error_at(&self, goals: &Goals, reached: &[f64], f: usize) -> f64 {
         let d = goals.dim();
         let error = |j: usize| reached[f * d + j] - goals.row(f)[j];

@@ -119,7 +119,7 @@ pub(super) struct Learner {
 impl Learner {
     /// A learner on `threads` threads, on whose number the result does not depend. `None` without a
     /// racer. `planners` are those whose motions may be chosen, and their places after the contenders; `tried` is
-    /// the smallest sum of Precision and penalty so far.
+    /// the smallest sum of error and penalty so far.
     pub(super) fn new(
         racers: Vec<Repeats>,
         planners: Vec<(usize, PolicyConfig)>,
@@ -418,7 +418,7 @@ impl Learner {
         let Some(softening) = self.softening.take() else { return };
         self.frames += softening.frames();
         let Some(softer) = softening.into_motion() else { return };
-        let sum = softer.errors().map(|(_, error)| error + counted(unnatural(&softer)));
+        let sum = softer.errors().map(|e| e.judged + counted(unnatural(&softer)));
         if let [lead] = &mut self.racers[..]
             && sum.is_some_and(|sum| sum < self.tried)
         {

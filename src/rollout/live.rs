@@ -70,7 +70,7 @@ impl LiveRollout {
         command: &Command,
     ) -> Result<LiveRollout, Error> {
         let contest = Contest::new(robot, asked)?;
-        let goals = Goals::new(command);
+        let goals = contest.goals(&Start::Pose, command);
         let differing = contest.differing(&goals);
         let contenders = contest.policies().iter().map(|_| Contender::default()).collect();
         let mut live = LiveRollout {
@@ -112,7 +112,7 @@ impl LiveRollout {
     /// # Errors
     /// As [`Rollout::new`].
     pub fn set_command(&mut self, command: &Command) -> Result<usize, Error> {
-        let goals = Goals::new(command);
+        let goals = self.contest.goals(&Start::Pose, command);
         self.differing = self.contest.differing(&goals);
         (self.command, self.goals) = (command.clone(), goals);
         self.edit += 1;

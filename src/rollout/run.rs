@@ -44,6 +44,16 @@ pub struct Frame<'a> {
     pub error: Option<f64>,
 }
 
+/// Errors of a motion, rad or m.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Errors {
+    pub(super) precision: f64,
+    /// In a clip with dropouts, the mean error over goals and the likely motion in dropouts.
+    pub(super) with_dropouts: Option<f64>,
+    /// This if there are dropouts, else Precision, and the error of tied joints together: what decides.
+    pub(super) judged: f64,
+}
+
 /// A clip being performed by a policy.
 ///
 /// ```
@@ -521,21 +531,17 @@ impl Rollout {
         self.goals.restored()
     }
 
-    /// In a clip with dropouts, the mean error over goals and the likely motion in dropouts, rad or m.
-    pub(super) fn error_with_dropouts(&self) -> Option<f64> {
-        let restored = self.goals.has_dropouts().then(|| self.sought())?;
-        self.measured(restored).precision
-    }
-
-    /// Precision, and what motions are compared by: the mean error over the goals that are sought, with that of tied
-    /// joints together; rad or m. `None` if nothing is commanded.
-    pub(super) fn errors(&self) -> Option<(f64, f64)> {
+    /// What motions are compared by. `None` if nothing is commanded.
+    pub(super) fn errors(&self) -> Option<Errors> {
         let precision = self.precision().precision?;
-        let error = self.error_with_dropouts().unwrap_or(precision);
         let (goals, reached) = (self.sought(), self.reached());
+        let restored = self.goals.has_dropouts().then(|| self.measured(goals));
+        let with_dropouts = restored.and_then(|r| r.precision);
         let frames = 1..goals.frames().min(reached.len() / goals.dim());
         let together: f64 = frames.clone().map(|f| goals.tied_error(reached, f)).sum();
-        Some((precision, error + together / goals.commanded(&frames).max(1.0)))
+        let together = together / goals.commanded(&frames).max(1.0);
+        let judged = with_dropouts.unwrap_or(precision) + together;
+        Some(Errors { precision, with_dropouts, judged })
     }
 
     /// The robot.

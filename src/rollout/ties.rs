@@ -1,7 +1,7 @@
 //! The joints that one actuator moves together: those of a tendon, or a leader and its follower.
 //!
-//! Two joints of one tendon that are asked for 0 and 1.2 have the same sum of errors wherever their own
-//! sum is between these goals: half bent or hardly bent at all. The tendon moves their sum, so its error
+//! Two joints of one tendon that are asked for 0 and 1.2 rad and bend alike have the same sum of errors wherever
+//! they stand between these goals: half bent or hardly bent at all. The tendon moves their sum, so its error
 //! decides such ties.
 
 use std::sync::Arc;
@@ -12,8 +12,13 @@ use robert_robot::{Coupling, Robot};
 /// asked may save the other joints .025 rad at most.
 const WEIGHT: f64 = 0.05;
 
-/// A joint, and how far it moves the tendon.
-type Tie = Vec<(usize, f64)>;
+/// The joints of one actuator, and how far each moves it; the largest factor is 1.
+#[derive(Clone, Debug, PartialEq)]
+struct Tie {
+    joints: Vec<(usize, f64)>,
+    /// Whether the joints can be apart: those of a tendon, unlike a leader and its follower.
+    splits: bool,
+}
 
 /// The joints of a robot that are tied to each other.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -26,31 +31,34 @@ impl Ties {
         let tie = |coupling: &Coupling| -> Option<Tie> {
             match coupling {
                 Coupling::Tendon { joints, coefs, .. } => {
-                    joints.iter().zip(coefs).map(|(j, c)| Some((place(j)?, *c))).collect()
+                    let most = coefs.iter().fold(0.0, |most: f64, c| most.max(c.abs()));
+                    let each = joints.iter().zip(coefs);
+                    let joints =
+                        each.map(|(j, c)| Some((place(j)?, c / most))).collect::<Option<_>>()?;
+                    (most > 0.0).then_some(Tie { joints, splits: true })
                 }
-                Coupling::Mimic { follower, leader, multiplier, .. } => {
-                    Some(vec![(place(leader)?, 1.0), (place(follower)?, *multiplier)])
+                Coupling::Mimic { follower, leader, .. } => {
+                    let joints = vec![(place(leader)?, 1.0), (place(follower)?, 1.0)];
+                    Some(Tie { joints, splits: false })
                 }
             }
         };
         Ties(robot.profile().couplings.iter().filter_map(tie).collect())
     }
 
-    /// Each of them.
-    pub(super) fn each(&self) -> impl Iterator<Item = &Tie> {
-        self.0.iter()
-    }
-
-    /// What the joints of each tie are off together, with its weight; rad or m. `off` is the error of a joint with
-    /// its sign, `None` without a goal.
+    /// What the joints of each tendon are off together, with its weight; rad or m. `off` is the error of a joint
+    /// with its sign, `None` without a goal.
     pub(super) fn error(&self, off: impl Fn(usize) -> Option<f64>) -> f64 {
-        let together = |tie: &Tie| tie.iter().map(|&(j, c)| Some(c * off(j)?)).sum::<Option<f64>>();
-        WEIGHT * self.each().filter_map(together).map(f64::abs).sum::<f64>()
+        let together =
+            |tie: &Tie| tie.joints.iter().map(|&(j, c)| Some(c * off(j)?)).sum::<Option<f64>>();
+        let tendons = self.0.iter().filter(|tie| tie.splits);
+        WEIGHT * tendons.filter_map(together).map(f64::abs).sum::<f64>()
     }
 
     /// The other joints that are tied to a joint.
     pub(super) fn partners(&self, joint: usize) -> impl Iterator<Item = usize> {
-        let tied = self.each().filter(move |tie| tie.iter().any(|(j, _)| *j == joint));
+        let joints = self.0.iter().map(|tie| &tie.joints);
+        let tied = joints.filter(move |joints| joints.iter().any(|(j, _)| *j == joint));
         tied.flatten().map(|(j, _)| *j).filter(move |j| *j != joint)
     }
 }
@@ -64,7 +72,7 @@ mod tests {
         let hand = Robot::builtin("shadow_hand").unwrap();
         let at = |name: &str| hand.joint_index(name).unwrap();
         let ties = Ties::of(&hand);
-        assert_eq!(ties.each().count(), 4);
+        assert_eq!(ties.0.len(), 4);
         assert_eq!(ties.partners(at("FFJ1")).collect::<Vec<_>>(), [at("FFJ2")]);
         assert_eq!(ties.partners(at("FFJ3")).count(), 0);
         assert_eq!(Ties::of(&Robot::builtin("ur5e").unwrap()), Ties::default());

@@ -23,9 +23,9 @@ pub struct Trial {
     /// In clips with dropouts, the mean error over goals and the likely motion in dropouts, rad or m.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub with_dropouts: Option<f64>,
-    /// What decides beside the penalty, rad or m: the mean error of [`Trial::with_dropouts`], else Precision, with that
-    /// of tied joints together.
-    #[serde(skip)]
+    /// What decides beside the penalty, rad or m: the error with dropouts if there are any, else Precision, and
+    /// that of joints that one actuator moves together.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) judged: Option<f64>,
     /// Penalty of its motion, rad or m: for overshoot, long paths and jerk in gaps, for a missed frame and
     /// for motion within holds. 0 if the motion is within the limits.
@@ -41,9 +41,9 @@ impl Trial {
         let errors = rollout.errors();
         Trial {
             policy: policy.label(),
-            precision: errors.map(|e| e.0),
-            with_dropouts: rollout.error_with_dropouts(),
-            judged: errors.map(|e| e.1),
+            precision: errors.map(|e| e.precision),
+            with_dropouts: errors.and_then(|e| e.with_dropouts),
+            judged: errors.map(|e| e.judged),
             gaps: counted(unnatural(rollout)),
             error: None,
         }
@@ -67,7 +67,7 @@ impl Trial {
     }
 }
 
-/// The contender with the smallest sum of error and gap penalty among the [`near`] ones; the first among
+/// The contender with the smallest sum of error and penalty among the [`near`] ones; the first among
 /// equals.
 pub(super) fn best(tried: &[Trial]) -> Option<usize> {
     let limit = near(tried);
@@ -126,6 +126,9 @@ mod tests {
         // Where all shake, the distance to the goals decides.
         let wild = |precision, gaps| trial(precision, counted(gaps));
         assert_eq!(best(&[wild(0.35, 0.15), wild(0.15, 0.9), wild(0.2, 5.0)]), Some(1));
+        // A tendon that is far from its length outweighs a smaller Precision.
+        let bent = Trial { judged: Some(0.12), ..trial(0.1, 0.0) };
+        assert_eq!(best(&[bent, trial(0.11, 0.0)]), Some(1));
         let failed = Trial { precision: None, judged: None, ..trial(0.0, 0.0) };
         assert_eq!(best(&[failed.clone(), trial(0.1, 0.0)]), Some(1));
         assert_eq!(best(&[failed]), None);

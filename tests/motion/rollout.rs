@@ -61,8 +61,7 @@ fn unless_told_otherwise_the_nearest_of_several_performs() {
     let [ms, secs] = ["ms_per_frame", "wall_secs"].map(|key| plain[key].as_f64().unwrap());
     assert!(ms * plain["frames"].as_f64().unwrap() < 1e3 * secs, "the model was loaded as well");
     let tried = r["tried"].as_array().unwrap();
-    let score =
-        |t: &serde_json::Value| t["precision"].as_f64().unwrap() + t["gaps"].as_f64().unwrap();
+    let score = |t: &serde_json::Value| t["judged"].as_f64().unwrap() + t["gaps"].as_f64().unwrap();
     let own = tried.iter().find(|t| t["policy"] == r["chosen"]).unwrap();
     assert!(tried.iter().all(|t| score(own) <= score(t)), "{tried:?}");
     for name in ["robert", "robert+smooth", "ridge", "pd"] {

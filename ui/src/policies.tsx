@@ -167,8 +167,7 @@ function Tries() {
 function Compared() {
   const r = store.rollout.value;
   if (r?.phase !== "done" || r.tried.length === 0) return null;
-  const error = (t: Trial): number => t.with_dropouts ?? t.precision ?? Number.POSITIVE_INFINITY;
-  const score = (t: Trial): number => error(t) + t.gaps;
+  const score = (t: Trial): number => (t.judged ?? Number.POSITIVE_INFINITY) + t.gaps;
   const rows = [...r.tried].sort((a, b) => score(a) - score(b));
   return (
     <div class="tries" data-testid="compared">

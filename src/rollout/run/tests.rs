@@ -193,7 +193,7 @@ fn motions_are_compared_by_goals_and_dropouts() {
     let command = recording(&robot, &[30, 31, 32]);
     let mut rollout = rollout(&robot, PolicyName::Pd, &command);
     rollout.run(&Cancel::default()).unwrap();
-    let (precision, error) = rollout.errors().unwrap();
+    let Errors { precision, judged: error, .. } = rollout.errors().unwrap();
     assert_eq!(Some(precision), rollout.precision().precision);
     let d = robot.state_dim();
     let off =
@@ -205,6 +205,36 @@ fn motions_are_compared_by_goals_and_dropouts() {
     assert!((30..33).all(|f| rollout.sought().any_visible(f) && !rollout.goals().any_visible(f)));
     let trial = crate::Trial::of(&PolicyConfig::new(PolicyName::Pd), &rollout);
     assert_eq!((trial.precision, trial.with_dropouts), (Some(precision), Some(error)));
+}
+
+/// Also in a clip with dropouts, and after an edit.
+#[test]
+fn motions_are_compared_by_the_length_of_tendons_as_well() {
+    let robot = robot("shadow_hand");
+    let [a, b] = ["FFJ2", "FFJ1"].map(|name| robot.joint_index(name).unwrap());
+    let d = robot.state_dim();
+    // Of two recordings the second one lacks three frames. In both the tip is far from what the tendon allows.
+    let [whole, gaps] = [&[][..], &[30, 31, 32]].map(|hidden| {
+        let command = recording(&robot, hidden);
+        let mut q = command.filled();
+        q.chunks_exact_mut(d).for_each(|row| (row[a], row[b]) = (0.0, 1.2));
+        let seen = (0..q.len()).map(|i| command.sees((i / d) as u32, i % d)).collect();
+        Command::from_dense(command.joints().to_vec(), command.start().to_vec(), q, seen).unwrap()
+    });
+    let mut rollout = rollout(&robot, PolicyName::Pd, &whole);
+    for (command, dropouts) in [(&whole, false), (&gaps, true), (&whole, false)] {
+        rollout.set_command(command).unwrap();
+        rollout.run(&Cancel::default()).unwrap();
+        let errors = rollout.errors().unwrap();
+        assert_eq!(errors.with_dropouts.is_some(), dropouts);
+        let (goals, reached) = (rollout.sought(), rollout.reached());
+        let frames = 1..goals.frames();
+        let off = |f: usize, j: usize| reached[f * d + j] - goals.row(f)[j];
+        let together: f64 = frames.clone().map(|f| (off(f, a) + off(f, b)).abs()).sum();
+        let least = 0.05 * together / goals.commanded(&frames);
+        let more = errors.judged - errors.with_dropouts.unwrap_or(errors.precision);
+        assert!(least > 1e-4 && more >= least - 1e-12, "{more} {least}");
+    }
 }
 
 /// A rollout with corrections that goes on from another one has the bits of one from the start,
