@@ -2260,6 +2260,11 @@ export interface Trial {
    * for motion within holds. 0 if the motion is within the limits.
    */
   gaps: number;
+  /**
+   * What decides beside the penalty, rad or m: the error with dropouts if there are any, else Precision, and
+   * that of joints that one actuator moves together.
+   */
+  judged?: number;
   /** The policy, as in `PolicyConfig::label`. */
   policy: string;
   /** Its Precision, rad or m; null when it failed, or when nothing was commanded. */
