@@ -163,23 +163,24 @@ function Tries() {
   );
 }
 
-/** What the automatic choice compared on the clip as it stands, the best first. */
+/** What the automatic choice compared on the clip as it stands: its choice, and then the best first. */
 function Compared() {
   const r = store.rollout.value;
   if (r?.phase !== "done" || r.tried.length === 0) return null;
+  const chosen = (t: Trial): boolean => t.policy === r.policy;
   const score = (t: Trial): number => (t.judged ?? Number.POSITIVE_INFINITY) + t.gaps;
-  const rows = [...r.tried].sort((a, b) => score(a) - score(b));
+  const rows = [...r.tried].sort((a, b) => Number(chosen(b)) - Number(chosen(a)) || score(a) - score(b));
   return (
     <div class="tries" data-testid="compared">
       <header>Compared on this clip</header>
-      {rows.map((t, i) => (
+      {rows.map((t) => (
         <div
           class="take"
           key={t.policy}
           title={`${t.policy} on the command line; ${t.error ?? gapsInWords(t)}${dropoutsInWords(t)}`}
         >
-          <span class="grow name" aria-current={i === 0}>
-            {i === 0 ? <Icon of={Check} size={13} /> : null} {labelInWords(t.policy)}
+          <span class="grow name" aria-current={chosen(t)}>
+            {chosen(t) ? <Icon of={Check} size={13} /> : null} {labelInWords(t.policy)}
           </span>
           <span class="num">
             {t.precision == null ? "failed" : store.shownError(t.precision, store.unit.value)}
