@@ -21,7 +21,7 @@ pub use author::Authored;
 pub use trial::trial;
 
 use robert_base::exit::{Exit, HasExit};
-use robert_clip::{Clip, ClipError};
+use robert_clip::{Clip, ClipError, RobotRef};
 
 #[derive(rust_embed::RustEmbed)]
 #[folder = "assets/clips/"]
@@ -208,7 +208,7 @@ pub fn suite(robot: &str, suite: &str) -> Result<Vec<(String, Clip)>, TaskError>
     Ok(clips)
 }
 
-/// A task by its name, `NAME` or `ROBOT/NAME`.
+/// A task by its name, `NAME` or `ROBOT/NAME`, for the robot that is named.
 ///
 /// # Errors
 /// [`TaskError::UnknownTask`], also if several robots have one of this name and none is given.
@@ -232,7 +232,16 @@ pub fn find(name: &str, robot: Option<&str>) -> Result<Clip, TaskError> {
     }
     let unknown = |hint| TaskError::UnknownTask { name: name.to_owned(), hint };
     match folders.as_slice() {
-        [folder] => read(folder, short),
+        [folder] => {
+            let mut clip = read(folder, short)?;
+            if let Some(id) = robot.filter(|id| *id != clip.robot.id) {
+                // Robots with the same joints share clips.
+                let own =
+                    RobotRef { id: id.to_owned(), model: None, model_sha256: None, ..clip.robot };
+                clip.robot = own;
+            }
+            Ok(clip)
+        }
         [] => {
             let of_others = manifest.iter().filter(|(id, tasks)| {
                 Some(id.as_str()) != robot
@@ -391,7 +400,12 @@ mod tests {
     fn names_find_their_task_and_mistakes_a_near_one() {
         assert_eq!(find("reacher", None).unwrap().robot.id, "ur5e");
         assert_eq!(find("shadow_hand/fire", None).unwrap().name, "fire a handgun");
-        assert_eq!(find("hang", Some("ur5e_light")).unwrap().robot.id, "ur5e");
+        // Two arms share their clips; a clip is for the one that is named.
+        assert_eq!(find("hang", None).unwrap().robot.id, "ur5e");
+        for light in [find("hang", Some("ur5e_light")), find("ur5e_light/hang", None)] {
+            let robot = light.unwrap().robot;
+            assert_eq!((robot.id.as_str(), robot.model_sha256), ("ur5e_light", None));
+        }
         let e = find("recher", None).unwrap_err();
         assert!(e.to_string().contains("ur5e/reacher"), "{e}");
         assert!(matches!(suite("ur5e", "x"), Err(TaskError::UnknownSuite { .. })));
