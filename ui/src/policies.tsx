@@ -167,7 +167,7 @@ function Tries() {
 function Compared() {
   const r = store.rollout.value;
   if (r?.phase !== "done" || r.tried.length === 0) return null;
-  const chosen = (t: Trial): boolean => t.policy === r.policy;
+  const chosen = (t: Trial): boolean => r.policy === `auto: ${t.policy}`;
   const score = (t: Trial): number => (t.judged ?? Number.POSITIVE_INFINITY) + t.gaps;
   const rows = [...r.tried].sort((a, b) => Number(chosen(b)) - Number(chosen(a)) || score(a) - score(b));
   return (
