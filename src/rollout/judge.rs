@@ -1,11 +1,10 @@
 //! What decides between two motions of a clip.
 //!
-//! Usually the smaller sum of Precision and the penalty for unnatural motion in gaps and a missed frame. The likely motion in
-//! dropouts counts as goals do, and the length of a tendon that moves several joints counts as well ([`super::ties`]).
-//! A finger that
-//! stays behind another one for a second adds little to the mean over all joints and frames, but a
-//! person sees it at once. A strict judge gives the errors of joints that jam more weight, as long as
-//! the usual sum stays nearly as small. A gentle judge gives jerk in gaps more weight in the same way.
+//! Usually the smaller sum of Precision and the penalty for unnatural motion in gaps and a missed frame. The likely
+//! motion in dropouts counts as goals do, and the length of a tendon that moves several joints counts as well
+//! ([`super::ties`]). A finger that stays behind another one for a second adds little to the mean over all joints
+//! and frames, but a person sees it at once. A strict judge gives the errors of joints that jam more weight, as
+//! long as the usual sum stays nearly as small. A gentle judge gives jerk in gaps more weight in the same way.
 
 use std::ops::Range;
 use std::sync::Arc;
