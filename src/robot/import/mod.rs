@@ -19,6 +19,7 @@ mod draft;
 mod drives;
 mod effort;
 mod fix;
+mod frame;
 mod loose;
 mod mjcf;
 mod modern;

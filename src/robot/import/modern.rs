@@ -10,6 +10,7 @@ use nalgebra::Vector3;
 use roxmltree::Node;
 
 use super::attach::Angles;
+use super::frame;
 use crate::text::{Edits, escape, inner};
 use crate::{Error, preparse};
 use robert_base::limits;
@@ -90,34 +91,20 @@ pub(super) fn flatten(
     Ok((xml, said))
 }
 
-/// Refuses joints in a frame. They cannot be children of the body that replaces it, because they
-/// would move another body.
-fn no_joints(node: Node<'_, '_>, path: &std::path::Path) -> Result<(), Error> {
-    let joint = |n: &Node<'_, '_>| n.has_tag_name("joint") || n.has_tag_name("freejoint");
-    match node.children().find(joint) {
-        Some(joint) => {
-            let tag = node.tag_name().name();
-            let message = format!("a joint inside of a <{tag}>; move it out, into the body itself");
-            Err(preparse::refuse(joint, path, message))
-        }
-        None => Ok(()),
-    }
-}
-
 fn frame(
     node: Node<'_, '_>,
     xml: &str,
     path: &std::path::Path,
     name: &str,
 ) -> Result<String, Error> {
-    no_joints(node, path)?;
+    let (joints, rest) = frame::split(node, xml, path)?;
     let mut attributes = String::new();
     for name in POSE {
         if let Some(value) = node.attribute(*name) {
             write!(attributes, " {name}=\"{}\"", escape(value)).ok();
         }
     }
-    Ok(format!("<body name=\"{name}\"{attributes}>{}</body>", inner(node, xml)))
+    Ok(format!("{joints}<body name=\"{name}\"{attributes}>{rest}</body>"))
 }
 
 /// Makes copies of an element. Copy i is turned by i times the angles and set beside the one before, and its
@@ -128,7 +115,7 @@ fn replicate(
     path: &std::path::Path,
     name: &str,
 ) -> Result<String, Error> {
-    no_joints(node, path)?;
+    frame::no_joints(node, path)?;
     let count: usize = node
         .attribute("count")
         .and_then(|c| c.trim().parse().ok())
@@ -236,8 +223,9 @@ mod tests {
         let e = flat("<mujoco><worldbody>\n<body><flexcomp/></body></worldbody></mujoco>");
         let e = e.unwrap_err().to_string();
         assert!(e.contains("m.xml:2:7") && e.contains("take the element out"), "{e}");
-        let e =
-            flat("<mujoco><worldbody><body><frame>\n<joint/></frame></body></worldbody></mujoco>");
+        let e = flat(
+            "<mujoco><worldbody><body><replicate count=\"2\">\n<joint/></replicate></body></worldbody></mujoco>",
+        );
         assert!(e.unwrap_err().to_string().contains("m.xml:2:1"));
         let e = flat(
             "<mujoco><worldbody>\n<replicate count=\"2\" offset=\"0 l 0 1\"><geom size=\".1\"/></replicate></worldbody></mujoco>",

@@ -1,6 +1,6 @@
 //! The unit and the order of the angles in an MJCF.
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Unit, UnitQuaternion, Vector3};
 use roxmltree::{Document, Node};
 
 use crate::import::classes::Classes;
@@ -37,11 +37,16 @@ impl Angles {
                 'z' => Vector3::z_axis(),
                 _ => return None,
             };
-            let radians = if self.degrees { angle.to_radians() } else { *angle };
-            let turn = UnitQuaternion::from_axis_angle(&direction, radians);
+            let turn = self.about(direction.into_inner(), *angle);
             whole = if axis.is_ascii_lowercase() { whole * turn } else { turn * whole };
         }
         Some(whole)
+    }
+
+    /// The rotation by an angle of the document about an axis of any length but 0.
+    pub(in crate::import) fn about(&self, axis: Vector3<f64>, angle: f64) -> UnitQuaternion<f64> {
+        let radians = if self.degrees { angle.to_radians() } else { angle };
+        UnitQuaternion::from_axis_angle(&Unit::new_normalize(axis), radians)
     }
 
     /// Writes the angles of a document in terms of `other`.
