@@ -7,7 +7,7 @@ use super::failure::{Failure, Outcome};
 use super::{input, output};
 use crate::clip::{Clip, Command, Invalid, parse};
 use crate::exit::HasExit;
-use crate::robot::Robot;
+use crate::robot::{MODEL_FILE, PROFILE_FILE, Robot};
 use crate::rollout::{ClipFacts as _, Guide, PolicyConfig, in_order, tasks};
 use crate::take::Take;
 use crate::units::Unit;
@@ -20,12 +20,17 @@ pub(super) fn robot(id: &str) -> Outcome<Arc<Robot>> {
     Ok(Arc::new(Robot::load(id)?))
 }
 
-/// The robot named by `--robot`, else the one that a clip or take names.
+/// The robot named by `--robot`, else the one that a clip or take names: a built-in one, or a robot's folder
+/// of that name in the current folder.
 pub(super) fn robot_for(asked: Option<&str>, own: &str) -> Outcome<Arc<Robot>> {
+    let is_robot = |dir: &Path| [PROFILE_FILE, MODEL_FILE].iter().any(|f| dir.join(f).is_file());
+    let stranger = Path::new(own).is_dir() && !is_robot(Path::new(own));
     match (asked, Robot::load(asked.unwrap_or(own))) {
-        (None, Err(crate::robot::Error::Unknown { .. })) => Err(Failure::invalid(format!(
-            "it is for robot \"{own}\", which is not built in: give its folder with --robot DIR"
-        ))),
+        (None, Err(e)) if stranger || matches!(e, crate::robot::Error::Unknown { .. }) => {
+            Err(Failure::invalid(format!(
+                "this is for robot \"{own}\", which is not built in: give its folder with --robot DIR"
+            )))
+        }
         (_, loaded) => Ok(Arc::new(loaded?)),
     }
 }

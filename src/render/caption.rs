@@ -54,8 +54,9 @@ impl Caption {
     pub fn moment(frame: u32, secs: f64, precision: Option<(f64, &str)>) -> String {
         match precision {
             Some((p, unit)) => {
-                let p = significant(p);
-                let gap = if unit == "\u{b0}" { "" } else { " " };
+                let degrees = unit == "\u{b0}";
+                let p = if degrees && p < LEAST_DEG { "<0.001".to_owned() } else { significant(p) };
+                let gap = if degrees { "" } else { " " };
                 format!("frame {frame} · {secs:.2} s · Precision {p}{gap}{unit}")
             }
             None => format!("frame {frame} · {secs:.2} s"),
@@ -63,6 +64,8 @@ impl Caption {
     }
 }
 
+/// Errors below this are all written alike, degrees: nobody sees them.
+const LEAST_DEG: f64 = 0.001;
 const INK: Rgb = [245, 247, 250];
 const PANEL: Rgb = [22, 26, 32];
 const PANEL_OPACITY: f32 = 0.66;
@@ -396,5 +399,8 @@ mod tests {
             assert_eq!(p.rgba.len(), (4 * w * h) as usize);
         }
         assert_eq!(caption.line, "frame 40 · 2.00 s · Precision 0.0312 rad");
+        let tiny = |unit| Caption::moment(1, 0.05, Some((2.04e-6, unit)));
+        assert_eq!(tiny("\u{b0}"), "frame 1 · 0.05 s · Precision <0.001°");
+        assert_eq!(tiny("m"), "frame 1 · 0.05 s · Precision 2.04e-6 m");
     }
 }

@@ -5,7 +5,7 @@
 //! other apart until the solver diverges (observed on the Shadow Hand's fixed palm, within 0.2 s at
 //! rest).
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::sync::Arc;
 
@@ -23,6 +23,10 @@ const POSE_PAIRS: usize = 4_000_000;
 /// hulls of their meshes, not with their surfaces. Fingers of a gripper are an example, because a
 /// hull fills the hollow between them (seen at 0.8; fingers of hands stay below 0.2).
 const MOSTLY: [f64; 2] = [0.6, 0.8];
+/// Pairs with at least so many joints between them are parts of different limbs. If they touch in a smaller share of
+/// those poses than the second value, they seldom overlap, and pass through each other once they are excluded.
+const LIMBS: i32 = 4;
+const SELDOM: f64 = 0.2;
 /// The distance of joint anchors below which two joints count as one joint with several axes, m.
 const SAME_PLACE: f64 = 1e-3;
 
@@ -53,14 +57,27 @@ pub(super) fn exclude(
     for pair in static_neighbours(&model) {
         add(pair, "next to a fixed part");
     }
-    for pair in touching(&model, &data) {
-        add(pair, "in contact at the default pose");
+    let at_default = touching(&model, &data);
+    for pair in &at_default {
+        add(*pair, "in contact at the default pose");
     }
-    for pair in mostly_touching(&model, &mut data)? {
+    let shares = shares(&model, &mut data)?;
+    for pair in mostly_touching(&shares) {
         add(pair, "in contact in most poses");
     }
     if found.is_empty() {
         return Ok(());
+    }
+    let name = |b: usize| model.name(Kind::Body, b).unwrap_or_default();
+    let passing = passing(&model, &at_default, &shares);
+    let passing = passing.into_iter().filter(|pair| found.contains(pair));
+    let passing: Vec<String> = passing.map(|(a, b)| format!("{} - {}", name(a), name(b))).collect();
+    if !passing.is_empty() {
+        draft.warnings.push(format!(
+            "parts of different limbs pass through each other: {}. They overlap at the default pose of the file, so they \
+             never collide here, although they are apart in most poses. To let them collide, change that pose in the file",
+            first(&passing, 12)
+        ));
     }
     let mut section = String::from("<contact>");
     for (a, b) in &found {
@@ -69,14 +86,18 @@ pub(super) fn exclude(
     }
     section.push_str("</contact>");
     draft.append(&section, &project.path)?;
-    let shown = reasons.iter().take(40).cloned().collect::<Vec<_>>().join(", ");
-    let more = if reasons.len() > 40 {
-        format!(" and {} more", reasons.len() - 40)
-    } else {
-        String::new()
-    };
-    draft.assumed.push(format!("{} pairs of bodies never collide: {shown}{more}", reasons.len()));
+    let shown = first(&reasons, 40);
+    draft.assumed.push(format!("{} pairs of bodies never collide: {shown}", reasons.len()));
     Ok(())
+}
+
+/// The first ones of a list, and how many more there are.
+fn first(list: &[String], count: usize) -> String {
+    let shown = list[..count.min(list.len())].join(", ");
+    match list.len().saturating_sub(count) {
+        0 => shown,
+        more => format!("{shown} and {more} more"),
+    }
 }
 
 /// The default pose. A joint beyond its stops is put at the nearer one, because links may overlap beyond it.
@@ -153,9 +174,9 @@ fn touching(model: &Model, data: &Data) -> Vec<(usize, usize)> {
     pairs.into_iter().collect()
 }
 
-fn mostly_touching(model: &Arc<Model>, data: &mut Data) -> Result<Vec<(usize, usize)>, Error> {
-    let mut hits: std::collections::BTreeMap<(usize, usize), u64> =
-        std::collections::BTreeMap::new();
+/// In which share of random poses two bodies touch; no pair that never does.
+fn shares(model: &Arc<Model>, data: &mut Data) -> Result<BTreeMap<(usize, usize), f64>, Error> {
+    let mut hits: BTreeMap<(usize, usize), u64> = BTreeMap::new();
     let poses = POSES.min((POSE_PAIRS / pairs::count(model).max(1)) as u64);
     for k in 0..poses {
         let mut rng = Rng::new(0, Stream::Reset, k);
@@ -178,9 +199,38 @@ fn mostly_touching(model: &Arc<Model>, data: &mut Data) -> Result<Vec<(usize, us
             *hits.entry(pair).or_default() += 1;
         }
     }
-    let share = |n: u64| n as f64 / poses.max(1) as f64;
-    let least = widest_gap(hits.values().map(|&n| share(n)));
-    Ok(hits.into_iter().filter(|(_, n)| share(*n) >= least).map(|(p, _)| p).collect())
+    Ok(hits.into_iter().map(|(pair, n)| (pair, n as f64 / poses.max(1) as f64)).collect())
+}
+
+fn mostly_touching(shares: &BTreeMap<(usize, usize), f64>) -> Vec<(usize, usize)> {
+    let least = widest_gap(shares.values().copied());
+    shares.iter().filter(|(_, share)| **share >= least).map(|(pair, _)| *pair).collect()
+}
+
+/// Parts of different limbs that overlap at the default pose, but in few others.
+fn passing(
+    model: &Model,
+    at_default: &[(usize, usize)],
+    shares: &BTreeMap<(usize, usize), f64>,
+) -> Vec<(usize, usize)> {
+    let seldom = |pair: &(usize, usize)| shares.get(pair).is_none_or(|share| *share < SELDOM);
+    let limbs = |pair: &(usize, usize)| joints_between(model, *pair) >= LIMBS;
+    at_default.iter().copied().filter(|pair| seldom(pair) && limbs(pair)).collect()
+}
+
+/// The joints on the way from one body to the other.
+fn joints_between(model: &Model, (a, b): (usize, usize)) -> i32 {
+    let above = |mut body: usize| {
+        let mut chain = vec![body];
+        while body != 0 {
+            body = id(model.body_parentid(), body);
+            chain.push(body);
+        }
+        chain
+    };
+    let (a, b) = (above(a), above(b));
+    let apart = |body: &&usize| !(a.contains(body) && b.contains(body));
+    a.iter().chain(&b).filter(apart).map(|&body| model.body_jntnum()[body]).sum()
 }
 
 /// The upper end of the widest gap between shares, within [`MOSTLY`]. Shares of a left and a right
@@ -208,6 +258,32 @@ mod tests {
         )
         .unwrap();
         assert_eq!(within_ranges(&model)[7..], [0.5, 0.0, 0.0]);
+    }
+
+    /// Two arms of two links, whose ends overlap at the default pose.
+    #[test]
+    fn arms_that_overlap_at_the_default_pose_are_found() {
+        let arm = |side: &str, x: f64| {
+            format!(
+                r#"<body pos="{x} 0 0"><joint name="{side}1" axis="0 0 1"/><joint name="{side}2" axis="1 0 0"/><geom size=".01" pos="0 .5 0"/>
+                <body name="{side}" pos="0 1 0"><joint name="{side}3" axis="0 0 1"/><geom name="{side}" size=".1" pos="0 .5 0"/></body></body>"#
+            )
+        };
+        let found = |apart: f64| {
+            let arms = [arm("left", -apart / 2.0), arm("right", apart / 2.0)].concat();
+            let xml = format!("<mujoco><worldbody>{arms}</worldbody></mujoco>");
+            let model = Arc::new(Model::from_xml(&xml).unwrap());
+            let mut data = Data::new(&model).unwrap();
+            data.forward().unwrap();
+            let at_default = touching(&model, &data);
+            let shares = shares(&model, &mut data).unwrap();
+            let names = |b| model.name(Kind::Body, b).map(str::to_owned);
+            let pairs = passing(&model, &at_default, &shares);
+            pairs.into_iter().map(|(a, b)| [names(a), names(b)]).collect::<Vec<_>>()
+        };
+        let ends = [Some("left".to_owned()), Some("right".to_owned())];
+        assert_eq!(found(0.1), [ends]);
+        assert!(found(0.5).is_empty());
     }
 
     #[test]

@@ -287,12 +287,20 @@ impl<'a> Tree<'a> {
             } else if lo > 0.0 && lo < LEAST_MOMENT {
                 format!("its inertia is less than the simulator takes; {mean} kg m^2 instead")
             } else {
-                let given = [t.ixx, t.iyy, t.izz].map(|v| digits(v, 3).to_string()).join(", ");
+                let list = |v: &[f64]| {
+                    v.iter().map(|v| digits(*v, 3).to_string()).collect::<Vec<_>>().join(", ")
+                };
+                let given = list(&[t.ixx, t.iyy, t.izz, t.ixy, t.ixz, t.iyz]);
+                let why = if lo < LEAST_MOMENT {
+                    format!("its smallest moment would be {}", digits(lo, 3))
+                } else {
+                    "one moment is larger than the sum of the others".to_owned()
+                };
                 let mean = digits(mean, 3);
                 format!(
-                    "no body can have its inertia ({given} kg m^2); made round with the same trace: \
-                     {mean} kg m^2 about each axis. Check the file: a wrong inertia changes how the \
-                     robot moves"
+                    "no body can have its inertia (ixx, iyy, izz, ixy, ixz, iyz: {given} kg m^2): {why}; made round \
+                     with the same trace: {mean} kg m^2 about each axis. Check the file: a wrong inertia changes how \
+                     the robot moves"
                 )
             };
             self.draft.changed.push(format!("link \"{}\": {why}", link.name));
