@@ -103,9 +103,8 @@ const TINY: [&str; 17] = [
     "ridge_history=2",
 ];
 
-/// Goes on in `cut`.
-const RESUME: [&str; 7] =
-    ["train", "--resume", "cut", "--evaluations", "0", "--checkpoint-mins", "0.001"];
+/// Goes on in `cut`, with as many evaluations as it began with.
+const RESUME: [&str; 5] = ["train", "--resume", "cut", "--checkpoint-mins", "0.001"];
 
 fn tiny<'a>(extra: &[&'a str]) -> Vec<&'a str> {
     TINY.into_iter().chain(extra.iter().copied()).collect()
@@ -184,6 +183,8 @@ fn killed_at_any_step_and_resumed_gives_the_same_file() {
         robert::fsio::sha256_hex(&std::fs::read(dir.join(run).join("model.safetensors")).unwrap())
     };
     assert_eq!(sha("whole"), sha("cut"), "after {done} kills");
+    let metrics = std::fs::read_to_string(dir.join("cut/metrics.jsonl")).unwrap();
+    assert!(!metrics.contains("\"evaluation\""), "none was asked for when it began");
 }
 
 #[test]

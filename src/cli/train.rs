@@ -17,8 +17,12 @@ use crate::net::forward::Forwards;
 use crate::train::evaluator::SuiteEvaluator;
 use crate::train::hindsight::Simulated;
 use crate::train::{
-    Evaluate, Finished, Options, PRESETS, TrainConfig, began_with, read_config, train,
+    Evaluate, Finished, Options, PRESETS, TrainConfig, began_with, began_with_evaluations,
+    read_config, train,
 };
+
+/// Evaluations of a run that does not say how many.
+const EVALUATIONS: u64 = 20;
 
 #[derive(clap::Args, Debug)]
 #[command(
@@ -54,16 +58,17 @@ pub(super) struct Args {
     /// Minutes between checkpoints.
     #[arg(long, default_value_t = 2.0)]
     checkpoint_mins: f64,
-    /// Number of evaluations by rollout, spread over the run; 0 keeps the last model only.
-    #[arg(long, default_value_t = 20)]
-    evaluations: u64,
+    /// Number of evaluations by rollout, spread over the run; 0 keeps the last model only [default: 20, or
+    /// that of the run that is continued].
+    #[arg(long, value_name = "N")]
+    evaluations: Option<u64>,
     /// Print one JSON document at the end.
     #[arg(long)]
     json: bool,
 }
 
 pub(super) fn run(args: &Args, global: Global) -> Outcome {
-    let Plan { dir, cfg, robot: given, data } = plan(args)?;
+    let Plan { dir, cfg, robot: given, data, evaluations } = plan(args)?;
     let robot = motion::robot(&given)?;
     let data = Dataset::open(&data, Verify::Full)?;
     data.must_be_of(&robot)?;
@@ -86,7 +91,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
         dir: dir.clone(),
         threads,
         checkpoint_secs: 60.0 * args.checkpoint_mins,
-        evaluations: args.evaluations,
+        evaluations,
         patience: 0,
         progress: &bar,
         cancel: &cancel,
@@ -99,6 +104,7 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
             "argv": std::env::args().collect::<Vec<_>>(),
             "threads": threads,
             "robot": given,
+            "evaluations": evaluations,
         }),
     };
     let done = train(&data, &cfg, options);
@@ -130,6 +136,7 @@ struct Plan {
     /// As given, now or when the run began.
     robot: String,
     data: PathBuf,
+    evaluations: u64,
 }
 
 fn plan(args: &Args) -> Outcome<Plan> {
@@ -147,6 +154,7 @@ fn plan(args: &Args) -> Outcome<Plan> {
             cfg,
             robot: args.robot.clone().or(robot).ok_or_else(|| missing("robot"))?,
             data: args.data.clone().or(data).ok_or_else(|| missing("data"))?,
+            evaluations: args.evaluations.or(began_with_evaluations(dir)).unwrap_or(EVALUATIONS),
         });
     }
     let (Some(robot), Some(data)) = (args.robot.clone(), args.data.clone()) else {
@@ -172,7 +180,8 @@ fn plan(args: &Args) -> Outcome<Plan> {
             dir.display()
         )));
     }
-    Ok(Plan { dir, cfg, robot, data })
+    let evaluations = args.evaluations.unwrap_or(EVALUATIONS);
+    Ok(Plan { dir, cfg, robot, data, evaluations })
 }
 
 fn summary(dir: &Path, done: &Finished) -> String {

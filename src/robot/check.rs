@@ -15,6 +15,7 @@ use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
 
+use super::default_pose::default_pose;
 use super::{Error, pairs};
 use robert_base::child::{self, OnParentExit, Rights};
 use robert_base::limits;
@@ -190,6 +191,7 @@ fn attempt(path: &Path, steps: usize) -> Result<(), mujoco::Error> {
         return Err(mujoco::Error::Invalid { message, path: None });
     }
     let mut data = Data::new(&model)?;
+    data.set_qpos(&default_pose(&model))?;
     data.forward()?;
     match steps.min(STEP_PAIRS / pairs.max(1)) {
         0 => Ok(()),

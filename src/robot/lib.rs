@@ -21,6 +21,7 @@ pub mod check;
 mod complete;
 mod couplings;
 mod dae;
+mod default_pose;
 mod derive;
 mod driven;
 mod error;

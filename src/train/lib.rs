@@ -33,5 +33,5 @@ pub use error::Error;
 pub use metrics::{Evaluation, HeldOut};
 pub use options::{Evaluate, Finished, Options};
 pub use paths::read_config;
-pub use record::began_with;
+pub use record::{began_with, began_with_evaluations};
 pub use run::train;

@@ -162,6 +162,11 @@ pub fn began_with(dir: &Path) -> Option<(String, PathBuf)> {
     Some((robot, text(meta.get("dataset"))?.into()))
 }
 
+/// The number of evaluations that a run was begun with; `None` in older runs.
+pub fn began_with_evaluations(dir: &Path) -> Option<u64> {
+    meta(dir).get("run")?.get("evaluations")?.as_u64()
+}
+
 /// Whether a run was begun on a tile unit; `None` in older runs.
 pub(super) fn began_with_tiles(dir: &Path) -> Option<bool> {
     meta(dir).get("tiles").and_then(Value::as_bool)

@@ -10,9 +10,11 @@ use std::fmt::Write as _;
 use std::sync::Arc;
 
 use super::draft::Draft;
+use crate::default_pose::default_pose;
+use crate::rings::{CONNECT, WELD};
 use crate::{Error, pairs, preparse, text};
 use robert_base::rng::{Rng, Stream};
-use robert_mujoco::{Data, Geom, Joint, Kind, Model, index};
+use robert_mujoco::{Data, Geom, Kind, Model, index};
 
 /// Poses that are drawn to find pairs of bodies that touch in most of them.
 const POSES: u64 = 120;
@@ -23,9 +25,10 @@ const POSE_PAIRS: usize = 4_000_000;
 /// hulls of their meshes, not with their surfaces. Fingers of a gripper are an example, because a
 /// hull fills the hollow between them (seen at 0.8; fingers of hands stay below 0.2).
 const MOSTLY: [f64; 2] = [0.6, 0.8];
-/// Pairs with at least so many joints between them are parts of different limbs. If they touch in a smaller share of
-/// those poses than the second value, they seldom overlap, and pass through each other once they are excluded.
+/// Parts of different limbs have at least so many axes between them.
 const LIMBS: i32 = 4;
+/// If they touch in a smaller share of those poses, they seldom overlap, and pass through each other once they are
+/// excluded.
 const SELDOM: f64 = 0.2;
 /// The distance of joint anchors below which two joints count as one joint with several axes, m.
 const SAME_PLACE: f64 = 1e-3;
@@ -38,7 +41,7 @@ pub(super) fn exclude(
 ) -> Result<(), Error> {
     let model = Arc::new(model.duplicate()?);
     let mut data = Data::new(&model)?;
-    data.set_qpos(&within_ranges(&model))?;
+    data.set_qpos(&default_pose(&model))?;
     data.forward()?;
     let old: BTreeSet<(usize, usize)> = excluded(&model);
     let mut found: BTreeSet<(usize, usize)> = BTreeSet::new();
@@ -47,20 +50,18 @@ pub(super) fn exclude(
         let pair = (pair.0.min(pair.1), pair.0.max(pair.1));
         let name = |b: usize| model.name(Kind::Body, b).map(str::to_owned);
         if pair.0 == pair.1 || old.contains(&pair) || found.contains(&pair) {
-            return;
+            return false;
         }
-        if let (Some(a), Some(b)) = (name(pair.0), name(pair.1)) {
-            found.insert(pair);
-            reasons.push(format!("{a} - {b} ({why})"));
-        }
+        let (Some(a), Some(b)) = (name(pair.0), name(pair.1)) else { return false };
+        found.insert(pair);
+        reasons.push(format!("{a} - {b} ({why})"));
+        true
     };
     for pair in static_neighbours(&model) {
         add(pair, "next to a fixed part");
     }
-    let at_default = touching(&model, &data);
-    for pair in &at_default {
-        add(*pair, "in contact at the default pose");
-    }
+    let mut at_default = touching(&model, &data);
+    at_default.retain(|pair| add(*pair, "in contact at the default pose"));
     let shares = shares(&model, &mut data)?;
     for pair in mostly_touching(&shares) {
         add(pair, "in contact in most poses");
@@ -69,13 +70,13 @@ pub(super) fn exclude(
         return Ok(());
     }
     let name = |b: usize| model.name(Kind::Body, b).unwrap_or_default();
-    let passing = passing(&model, &at_default, &shares);
-    let passing = passing.into_iter().filter(|pair| found.contains(pair));
+    let passing = passing(&model, &at_default, &shares).into_iter();
     let passing: Vec<String> = passing.map(|(a, b)| format!("{} - {}", name(a), name(b))).collect();
     if !passing.is_empty() {
         draft.warnings.push(format!(
-            "parts of different limbs pass through each other: {}. They overlap at the default pose of the file, so they \
-             never collide here, although they are apart in most poses. To let them collide, change that pose in the file",
+            "parts of different limbs pass through each other: {}. They overlap at the default pose, so they never \
+             collide here, although they are apart in most poses. To let them collide, change that pose in the file; \
+             in an MJCF it is the first keyframe, if there is one",
             first(&passing, 12)
         ));
     }
@@ -98,20 +99,6 @@ fn first(list: &[String], count: usize) -> String {
         0 => shown,
         more => format!("{shown} and {more} more"),
     }
-}
-
-/// The default pose. A joint beyond its stops is put at the nearer one, because links may overlap beyond it.
-fn within_ranges(model: &Model) -> Vec<f64> {
-    let mut qpos = model.qpos0().to_vec();
-    let joints = model.jnt_limited().iter().zip(model.jnt_range().chunks_exact(2));
-    for (j, (limited, range)) in joints.enumerate() {
-        let one = matches!(model.joint_type(j), Some(Joint::Hinge | Joint::Slide));
-        if one && *limited != 0 && range[0] <= range[1] {
-            let q = &mut qpos[id(model.jnt_qposadr(), j)];
-            *q = q.clamp(range[0], range[1]);
-        }
-    }
-    qpos
 }
 
 fn excluded(model: &Model) -> BTreeSet<(usize, usize)> {
@@ -174,10 +161,15 @@ fn touching(model: &Model, data: &Data) -> Vec<(usize, usize)> {
     pairs.into_iter().collect()
 }
 
+/// The number of random poses for a model.
+fn poses(model: &Model) -> u64 {
+    POSES.min((POSE_PAIRS / pairs::count(model).max(1)) as u64)
+}
+
 /// In which share of random poses two bodies touch; no pair that never does.
 fn shares(model: &Arc<Model>, data: &mut Data) -> Result<BTreeMap<(usize, usize), f64>, Error> {
     let mut hits: BTreeMap<(usize, usize), u64> = BTreeMap::new();
-    let poses = POSES.min((POSE_PAIRS / pairs::count(model).max(1)) as u64);
+    let poses = poses(model);
     for k in 0..poses {
         let mut rng = Rng::new(0, Stream::Reset, k);
         let mut qpos = model.qpos0().to_vec();
@@ -207,19 +199,22 @@ fn mostly_touching(shares: &BTreeMap<(usize, usize), f64>) -> Vec<(usize, usize)
     shares.iter().filter(|(_, share)| **share >= least).map(|(pair, _)| *pair).collect()
 }
 
-/// Parts of different limbs that overlap at the default pose, but in few others.
+/// Parts of different limbs that overlap at the default pose, but in few others. `at_default` are pairs that were
+/// excluded because of that pose; none is told if no other pose was looked at.
 fn passing(
     model: &Model,
     at_default: &[(usize, usize)],
     shares: &BTreeMap<(usize, usize), f64>,
 ) -> Vec<(usize, usize)> {
+    let looked = poses(model) > 0;
     let seldom = |pair: &(usize, usize)| shares.get(pair).is_none_or(|share| *share < SELDOM);
-    let limbs = |pair: &(usize, usize)| joints_between(model, *pair) >= LIMBS;
-    at_default.iter().copied().filter(|pair| seldom(pair) && limbs(pair)).collect()
+    let limbs = |pair: &(usize, usize)| are_limbs(model, *pair);
+    at_default.iter().copied().filter(|pair| looked && seldom(pair) && limbs(pair)).collect()
 }
 
-/// The joints on the way from one body to the other.
-fn joints_between(model: &Model, (a, b): (usize, usize)) -> i32 {
+/// Whether two bodies are parts of different limbs: on the way from one to the other both move by joints of their
+/// own, of [`LIMBS`] axes in all. A limb whose loop a constraint closes is none: in random poses the loop is open.
+fn are_limbs(model: &Model, (a, b): (usize, usize)) -> bool {
     let above = |mut body: usize| {
         let mut chain = vec![body];
         while body != 0 {
@@ -229,8 +224,19 @@ fn joints_between(model: &Model, (a, b): (usize, usize)) -> i32 {
         chain
     };
     let (a, b) = (above(a), above(b));
-    let apart = |body: &&usize| !(a.contains(body) && b.contains(body));
-    a.iter().chain(&b).filter(apart).map(|&body| model.body_jntnum()[body]).sum()
+    let side = |one: &[usize], other: &[usize]| -> Vec<usize> {
+        one.iter().copied().filter(|body| !other.contains(body)).collect()
+    };
+    let sides = [side(&a, &b), side(&b, &a)];
+    let axes =
+        sides.each_ref().map(|s| s.iter().map(|&body| model.body_dofnum()[body]).sum::<i32>());
+    let is_loop =
+        |eq: &usize| matches!(model.eq_type()[*eq], CONNECT | WELD) && model.eq_active()[*eq] != 0;
+    let tied = (0..model.neq()).filter(is_loop).any(|eq| {
+        let ends = [id(model.eq_obj1id(), eq), id(model.eq_obj2id(), eq)];
+        sides.iter().flatten().any(|body| ends.contains(body))
+    });
+    axes.iter().all(|n| *n > 0) && axes.iter().sum::<i32>() >= LIMBS && !tied
 }
 
 /// The upper end of the widest gap between shares, within [`MOSTLY`]. Shares of a left and a right
@@ -248,42 +254,38 @@ fn widest_gap(shares: impl Iterator<Item = f64>) -> f64 {
 mod tests {
     use super::*;
 
-    #[test]
-    fn joints_beyond_their_stops_stand_at_these() {
-        let model = Model::from_xml(
-            r#"<mujoco><compiler angle="radian" autolimits="true"/><worldbody><body><freejoint/><geom size=".1"/>
-            <body><joint name="a" range=".5 2"/><geom size=".1"/></body>
-            <body><joint name="b" range="-1 2"/><geom size=".1"/></body>
-            <body><joint name="c" type="slide"/><geom size=".1"/></body></body></worldbody></mujoco>"#,
-        )
-        .unwrap();
-        assert_eq!(within_ranges(&model)[7..], [0.5, 0.0, 0.0]);
-    }
-
-    /// Two arms of two links, whose ends overlap at the default pose.
-    #[test]
-    fn arms_that_overlap_at_the_default_pose_are_found() {
+    /// Two arms of two links, whose ends overlap if they are as near as .1 m.
+    fn arms(apart: f64, more: &str) -> Vec<[Option<String>; 2]> {
         let arm = |side: &str, x: f64| {
             format!(
                 r#"<body pos="{x} 0 0"><joint name="{side}1" axis="0 0 1"/><joint name="{side}2" axis="1 0 0"/><geom size=".01" pos="0 .5 0"/>
                 <body name="{side}" pos="0 1 0"><joint name="{side}3" axis="0 0 1"/><geom name="{side}" size=".1" pos="0 .5 0"/></body></body>"#
             )
         };
-        let found = |apart: f64| {
-            let arms = [arm("left", -apart / 2.0), arm("right", apart / 2.0)].concat();
-            let xml = format!("<mujoco><worldbody>{arms}</worldbody></mujoco>");
-            let model = Arc::new(Model::from_xml(&xml).unwrap());
-            let mut data = Data::new(&model).unwrap();
-            data.forward().unwrap();
-            let at_default = touching(&model, &data);
-            let shares = shares(&model, &mut data).unwrap();
-            let names = |b| model.name(Kind::Body, b).map(str::to_owned);
-            let pairs = passing(&model, &at_default, &shares);
-            pairs.into_iter().map(|(a, b)| [names(a), names(b)]).collect::<Vec<_>>()
-        };
+        let both = [arm("left", -apart / 2.0), arm("right", apart / 2.0)].concat();
+        let table = r#"<geom size=".05" pos="0 1.5 0"/>"#;
+        let xml = format!("<mujoco><worldbody>{table}{both}</worldbody>{more}</mujoco>");
+        let model = Arc::new(Model::from_xml(&xml).unwrap());
+        let mut data = Data::new(&model).unwrap();
+        data.set_qpos(&default_pose(&model)).unwrap();
+        data.forward().unwrap();
+        let at_default = touching(&model, &data);
+        let shares = shares(&model, &mut data).unwrap();
+        let names = |b| model.name(Kind::Body, b).map(str::to_owned);
+        let pairs = passing(&model, &at_default, &shares);
+        pairs.into_iter().map(|(a, b)| [names(a), names(b)]).collect()
+    }
+
+    #[test]
+    fn arms_that_overlap_at_the_default_pose_are_found() {
         let ends = [Some("left".to_owned()), Some("right".to_owned())];
-        assert_eq!(found(0.1), [ends]);
-        assert!(found(0.5).is_empty());
+        assert_eq!(arms(0.1, ""), [ends], "and the world, which does not move, is no limb");
+        assert!(arms(0.5, "").is_empty());
+        // At the first keyframe they are apart.
+        let key = r#"<keyframe><key qpos="1 0 0 -1 0 0"/></keyframe>"#;
+        assert!(arms(0.1, key).is_empty());
+        let tied = r#"<equality><connect body1="left" body2="right" anchor="0 .5 0"/></equality>"#;
+        assert!(arms(0.1, tied).is_empty());
     }
 
     #[test]

@@ -38,7 +38,7 @@ pub(super) fn flatten(
     path: &std::path::Path,
     stem: &str,
 ) -> Result<(String, Option<String>), Error> {
-    let (mut frames, mut replicas) = (0, 0);
+    let (mut frames, mut replicas, mut joints) = (0, 0, 0);
     loop {
         let doc = preparse::parse(&xml, path)?;
         for (tag, why) in REFUSED {
@@ -60,16 +60,23 @@ pub(super) fn flatten(
                 continue;
             }
             any = true;
+            // The name says whose part it is.
+            let body = node.ancestors().find(|a| a.has_tag_name("body"));
+            let around = body
+                .and_then(|b| b.attribute("name"))
+                .map_or_else(String::new, |b| escape(b) + "_");
+            let named = |what: &str| format!("{stem}{around}{what}");
             if node.has_tag_name("frame") {
+                joints += node.children().filter(frame::is_joint).count();
                 edits.replace(
                     node.range(),
-                    frame(node, &xml, path, &format!("{stem}frame_{frames}"))?,
+                    frame(node, &xml, path, &named(&format!("frame_{frames}")))?,
                 );
                 frames += 1;
             } else {
                 edits.replace(
                     node.range(),
-                    replicate(node, &xml, path, &format!("{stem}replica_{replicas}"))?,
+                    replicate(node, &xml, path, &named(&format!("replica_{replicas}")))?,
                 );
                 replicas += 1;
             }
@@ -86,7 +93,12 @@ pub(super) fn flatten(
         xml = next;
     }
     let said = (frames + replicas > 0).then(|| {
-        format!("{frames} frames and {replicas} replicas of MuJoCo 3 became bodies without joints")
+        let moved = match joints {
+            0 => String::new(),
+            1 => "; 1 joint in them moved into the body around it".to_owned(),
+            n => format!("; {n} joints in them moved into the bodies around them"),
+        };
+        format!("{frames} frames and {replicas} replicas of MuJoCo 3 became bodies without joints{moved}")
     });
     Ok((xml, said))
 }
@@ -104,7 +116,8 @@ fn frame(
             write!(attributes, " {name}=\"{}\"", escape(value)).ok();
         }
     }
-    Ok(format!("{joints}<body name=\"{name}\"{attributes}>{rest}</body>"))
+    let inertial = frame::inertial(node);
+    Ok(format!("{joints}<body name=\"{name}\"{attributes}>{inertial}{rest}</body>"))
 }
 
 /// Makes copies of an element. Copy i is turned by i times the angles and set beside the one before, and its
@@ -143,6 +156,7 @@ fn replicate(
     let childclass = node
         .attribute("childclass")
         .map_or_else(String::new, |c| format!(" childclass=\"{}\"", escape(c)));
+    let inertial = frame::inertial(node);
     let digits = count.to_string().len();
     let separator = node.attribute("sep").unwrap_or("");
     let mut at = Vector3::zeros();
@@ -156,7 +170,7 @@ fn replicate(
         let q = turned.quaternion();
         write!(
             out,
-            "<body name=\"{name}_{i}\"{childclass} pos=\"{x} {y} {z}\" quat=\"{} {} {} {}\">{}</body>",
+            "<body name=\"{name}_{i}\"{childclass} pos=\"{x} {y} {z}\" quat=\"{} {} {} {}\">{inertial}{}</body>",
             q.w,
             q.i,
             q.j,

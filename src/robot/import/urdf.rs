@@ -292,7 +292,7 @@ impl<'a> Tree<'a> {
                 };
                 let given = list(&[t.ixx, t.iyy, t.izz, t.ixy, t.ixz, t.iyz]);
                 let why = if lo < LEAST_MOMENT {
-                    format!("its smallest moment would be {}", digits(lo, 3))
+                    format!("its smallest moment would be {} kg m^2", digits(lo, 3))
                 } else {
                     "one moment is larger than the sum of the others".to_owned()
                 };

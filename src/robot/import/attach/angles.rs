@@ -37,16 +37,20 @@ impl Angles {
                 'z' => Vector3::z_axis(),
                 _ => return None,
             };
-            let turn = self.about(direction.into_inner(), *angle);
+            let turn = self.about(direction, *angle);
             whole = if axis.is_ascii_lowercase() { whole * turn } else { turn * whole };
         }
         Some(whole)
     }
 
-    /// The rotation by an angle of the document about an axis of any length but 0.
-    pub(in crate::import) fn about(&self, axis: Vector3<f64>, angle: f64) -> UnitQuaternion<f64> {
+    /// The rotation by an angle of the document about an axis.
+    pub(in crate::import) fn about(
+        &self,
+        axis: Unit<Vector3<f64>>,
+        angle: f64,
+    ) -> UnitQuaternion<f64> {
         let radians = if self.degrees { angle.to_radians() } else { angle };
-        UnitQuaternion::from_axis_angle(&Unit::new_normalize(axis), radians)
+        UnitQuaternion::from_axis_angle(&axis, radians)
     }
 
     /// Writes the angles of a document in terms of `other`.
@@ -87,8 +91,8 @@ impl Angles {
             // A class does not say what joints have it, so each gets its own values.
             let in_class = node.ancestors().any(|a| a.has_tag_name("default"));
             let kind = classes.get(node, &["joint"], "type").unwrap_or("hinge");
-            if tag == "joint" && !in_class && node.parent().is_some_and(|p| p.has_tag_name("body"))
-            {
+            let part = |p: Node<'_, '_>| p.has_tag_name("body") || p.has_tag_name("frame");
+            if tag == "joint" && !in_class && node.parent().is_some_and(part) {
                 for name in ["range", "ref", "springref"] {
                     let given = classes.get(node, &["joint"], name).and_then(numbers);
                     if let Some(values) = given {

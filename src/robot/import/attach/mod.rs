@@ -279,7 +279,7 @@ fn settings(
     let doc = preparse::parse(xml, path)?;
     let has_bodies = host.descendants().any(|n| {
         ["geom", "inertial"].contains(&n.tag_name().name())
-            && n.parent().is_some_and(|p| p.has_tag_name("body"))
+            && n.ancestors().skip(1).any(|p| p.has_tag_name("body"))
     });
     for name in INERTIA {
         let mine = compiler(&doc, name);

@@ -82,6 +82,23 @@ fn an_attached_model_keeps_its_terms() {
 }
 
 #[test]
+fn a_joint_in_a_frame_keeps_its_terms_as_well() {
+    let (_dir, path) = scene(
+        r#"<mujoco><compiler angle="degree"/><asset><model name="a" file="arm/arm.xml"/></asset>
+        <worldbody><geom name="own" size=".1"/><attach model="a" prefix="a-"/></worldbody></mujoco>"#,
+    );
+    let plain = compiled(&path);
+    let joint = r#"<joint name="j" class="slow"/>"#;
+    let framed = ARM.replace(joint, &format!("<frame>{joint}</frame>"));
+    std::fs::write(path.with_file_name("arm/arm.xml"), framed).unwrap();
+    let framed = compiled(&path);
+    near(framed.jnt_range(), plain.jnt_range());
+    near(&framed.jnt_range()[..2], &[-1.0, 1.0]);
+    near(framed.jnt_axis(), plain.jnt_axis());
+    near(framed.dof_damping(), plain.dof_damping());
+}
+
+#[test]
 fn keyframes_come_along_where_nothing_else_moves() {
     let text = |more: &str| {
         format!(
