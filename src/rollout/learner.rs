@@ -33,6 +33,9 @@ const BEYOND_CHANCE: f64 = 0.1;
 /// The share of the score, or of the error in it, that it must gain to be kept although the contenders move more
 /// naturally in gaps: a pole that stands is worth a jerk.
 const FAR_NEARER: f64 = 0.5;
+/// The share of the error that it must gain to be kept, however it moves in gaps, where a joint of the policy
+/// jams to the end and none of the planner's does: a finger that stays caught is worse than a jolt.
+const FREED: f64 = 0.25;
 /// Frames by which one step advances each contender.
 const CHUNK: usize = 8;
 
@@ -94,6 +97,8 @@ pub(super) struct Learner {
     planners: Vec<(usize, PolicyConfig)>,
     /// Their motions, once the policy has followed them.
     own: Vec<Own>,
+    /// One of them that the strict judge refuses, without a jam and nearer by [`FREED`] than a motion that jams.
+    freed: Option<Own>,
     /// Frames at which joints are off their goals on the planner's path, once it is known.
     floor: Option<Vec<Off>>,
     /// Whether a strict judge decides by now.
@@ -138,6 +143,7 @@ impl Learner {
             plans: Vec::new(),
             planners,
             own: Vec::new(),
+            freed: None,
             floor: None,
             is_strict: false,
             search: None,
@@ -231,9 +237,16 @@ impl Learner {
         self.own().map(|own| &own.motion).or_else(|| self.lead().best())
     }
 
-    /// The best motion of a planner, if it is clearly better.
+    /// The best motion of a planner, if it is clearly better, or if only the policy's jams.
     fn own(&self) -> Option<&Own> {
-        self.own_by(CLEAR_GAIN)
+        let jams = |_: &&Own| self.lead().best().is_some_and(|best| !self.jams(best).is_empty());
+        self.own_by(CLEAR_GAIN).or_else(|| self.freed.as_ref().filter(jams))
+    }
+
+    /// The jams of a motion: none before a planner's path is known.
+    fn jams(&self, motion: &Rollout) -> Vec<Off> {
+        let far = || jam::off(motion.sought(), motion.reached(), jam::FAR);
+        self.floor.as_ref().map_or_else(Vec::new, |floor| jam::jams(&far(), floor))
     }
 
     /// The best motion of a planner that gains this share of the score, or more if it is less natural in gaps.
@@ -257,7 +270,7 @@ impl Learner {
     /// See [`Learner::best`], and the contender.
     pub(super) fn into_best(mut self) -> Option<(usize, Rollout)> {
         if let Some(at) = self.own().map(|own| own.at) {
-            let own = self.own.into_iter().find(|own| own.at == at)?;
+            let own = self.own.into_iter().chain(self.freed).find(|own| own.at == at)?;
             return Some((at, own.motion));
         }
         let at = self.at();
@@ -449,17 +462,26 @@ impl Learner {
 
     /// Searches again if a joint jams in the best motion; false if none does.
     fn search_strictly(&mut self) -> bool {
-        let (Some(best), Some(floor)) = (self.lead().best(), &self.floor) else { return false };
-        let jams = jam::jams(&jam::off(best.sought(), best.reached(), jam::FAR), floor);
+        let Some(best) = self.lead().best() else { return false };
+        let jams = self.jams(best);
         if self.is_strict || jams.is_empty() {
             return false;
         }
+        let most = (1.0 - FREED) * (self.lead().least - counted(self.lead().gaps));
         let judge = self.lead().judge().strict(best, &jams, self.first);
         self.is_strict = true;
         self.lead_mut().judge_by(judge.clone());
-        let own = std::mem::take(&mut self.own).into_iter();
-        self.own = own.filter_map(|own| self.score_own(own.at, own.motion)).collect();
-        if self.own().is_some() {
+        for own in std::mem::take(&mut self.own) {
+            if judge.score(&own.motion).is_some() {
+                self.own.extend(self.score_own(own.at, own.motion));
+            } else if own.score - own.gaps < most
+                && self.freed.as_ref().is_none_or(|other| own.score < other.score)
+                && self.jams(&own.motion).is_empty()
+            {
+                self.freed = Some(own);
+            }
+        }
+        if self.own_by(CLEAR_GAIN).is_some() {
             return false;
         }
         let (Some(search), [lead]) = (&mut self.search, &self.racers[..]) else { return false };
@@ -517,10 +539,28 @@ mod tests {
         assert!(learner.lead().gaps <= gaps, "no way leads through unnatural motion in gaps");
         let (_, on_three) = search(3);
         assert_eq!(on_three.best().unwrap().actions(), learner.best().unwrap().actions());
+        the_freed_one_takes_its_place_while_it_jams(on_three, &first);
         let best = learner.into_best().unwrap().1;
         let mut again = fresh(0).unwrap();
         again.correct(best.lead().unwrap().clone()).unwrap();
         again.run(&Cancel::default()).unwrap();
         assert_eq!(again.actions(), best.actions());
+    }
+
+    fn the_freed_one_takes_its_place_while_it_jams(mut learner: Learner, first: &Rollout) {
+        let built = PolicyConfig::new(PolicyName::Pd).build(first.robot()).unwrap();
+        let command = compile(&tasks::find("shadow_hand/thumb_inside", None).unwrap()).unwrap();
+        let config = RolloutConfig::default();
+        let mut motion = Rollout::new(first.robot(), built, &command, Start::Pose, config).unwrap();
+        motion.run(&Cancel::default()).unwrap();
+        let best = learner.lead().best().unwrap();
+        let off = jam::off(best.sought(), best.reached(), jam::FAR);
+        let (at, score, gaps, but_for_jolts) = (7, 0.05, 0.0, 0.0);
+        learner.freed = Some(Own { at, motion, score, gaps, but_for_jolts, natural: false });
+        // Off by as much on the planner's path: nothing jams.
+        learner.floor = Some(off.clone());
+        assert_eq!((off.is_empty(), learner.at()), (false, 0));
+        learner.floor = Some(Vec::new());
+        assert_eq!(learner.into_best().unwrap().0, 7);
     }
 }

@@ -76,7 +76,7 @@ pub(super) fn exclude(
         draft.warnings.push(format!(
             "parts of different limbs pass through each other: {}. They overlap at the default pose, so they never \
              collide here, although they are apart in most poses. To let them collide, change that pose in the file; \
-             in an MJCF it is the first keyframe, if there is one",
+             in an MJCF it is that of the first keyframe, if there is one",
             first(&passing, 12)
         ));
     }
