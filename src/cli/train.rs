@@ -104,7 +104,6 @@ pub(super) fn run(args: &Args, global: Global) -> Outcome {
             "argv": std::env::args().collect::<Vec<_>>(),
             "threads": threads,
             "robot": given,
-            "evaluations": evaluations,
         }),
     };
     let done = train(&data, &cfg, options);

@@ -34,7 +34,7 @@ const BEYOND_CHANCE: f64 = 0.1;
 /// naturally in gaps: a pole that stands is worth a jerk.
 const FAR_NEARER: f64 = 0.5;
 /// The share of the error that it must gain to be kept, however it moves in gaps, where a joint of the policy
-/// jams to the end and none of the planner's does: a finger that stays caught is worse than a jolt.
+/// jams to the end, that is, where the planner's arrives: a finger that stays caught is worse than a jolt.
 const FREED: f64 = 0.25;
 /// Frames by which one step advances each contender.
 const CHUNK: usize = 8;
@@ -51,6 +51,8 @@ struct Own {
     but_for_jolts: f64,
     /// Whether it is as natural in gaps as the contenders'.
     natural: bool,
+    /// Its error, if it may take the place of a motion in which a joint jams.
+    error: Option<f64>,
 }
 
 /// How the motion of a policy is improved, one stage after another.
@@ -97,8 +99,6 @@ pub(super) struct Learner {
     planners: Vec<(usize, PolicyConfig)>,
     /// Their motions, once the policy has followed them.
     own: Vec<Own>,
-    /// One of them that the strict judge refuses, without a jam and nearer by [`FREED`] than a motion that jams.
-    freed: Option<Own>,
     /// Frames at which joints are off their goals on the planner's path, once it is known.
     floor: Option<Vec<Off>>,
     /// Whether a strict judge decides by now.
@@ -143,7 +143,6 @@ impl Learner {
             plans: Vec::new(),
             planners,
             own: Vec::new(),
-            freed: None,
             floor: None,
             is_strict: false,
             search: None,
@@ -239,8 +238,15 @@ impl Learner {
 
     /// The best motion of a planner, if it is clearly better, or if only the policy's jams.
     fn own(&self) -> Option<&Own> {
-        let jams = |_: &&Own| self.lead().best().is_some_and(|best| !self.jams(best).is_empty());
-        self.own_by(CLEAR_GAIN).or_else(|| self.freed.as_ref().filter(jams))
+        self.own_by(CLEAR_GAIN).or_else(|| self.freed())
+    }
+
+    /// The nearest motion of a planner, if it gains [`FREED`] and a joint of the policy still jams.
+    fn freed(&self) -> Option<&Own> {
+        let best = self.lead().best().filter(|best| !self.jams(best).is_empty())?;
+        let most = (1.0 - FREED) * best.errors()?.judged;
+        let near = self.own.iter().filter_map(|own| Some((own, own.error.filter(|e| *e < most)?)));
+        near.min_by(|(_, a), (_, b)| a.total_cmp(b)).map(|(own, _)| own)
     }
 
     /// The jams of a motion: none before a planner's path is known.
@@ -270,7 +276,7 @@ impl Learner {
     /// See [`Learner::best`], and the contender.
     pub(super) fn into_best(mut self) -> Option<(usize, Rollout)> {
         if let Some(at) = self.own().map(|own| own.at) {
-            let own = self.own.into_iter().chain(self.freed).find(|own| own.at == at)?;
+            let own = self.own.into_iter().find(|own| own.at == at)?;
             return Some((at, own.motion));
         }
         let at = self.at();
@@ -374,7 +380,8 @@ impl Learner {
         let gaps = unnatural(&motion);
         let natural = gaps <= self.natural;
         let but_for_jolts = counted(unnatural_but_for_jolts(&motion));
-        Some(Own { at, motion, score, gaps: counted(gaps), but_for_jolts, natural })
+        let gaps = counted(gaps);
+        Some(Own { at, motion, score, gaps, but_for_jolts, natural, error: None })
     }
 
     /// Begins to search; false if every joint arrives by now, or the planner's own motion is nearer by so
@@ -467,19 +474,15 @@ impl Learner {
         if self.is_strict || jams.is_empty() {
             return false;
         }
-        let most = (1.0 - FREED) * (self.lead().least - counted(self.lead().gaps));
         let judge = self.lead().judge().strict(best, &jams, self.first);
         self.is_strict = true;
         self.lead_mut().judge_by(judge.clone());
-        for own in std::mem::take(&mut self.own) {
-            if judge.score(&own.motion).is_some() {
-                self.own.extend(self.score_own(own.at, own.motion));
-            } else if own.score - own.gaps < most
-                && self.freed.as_ref().is_none_or(|other| own.score < other.score)
-                && self.jams(&own.motion).is_empty()
-            {
-                self.freed = Some(own);
-            }
+        for own in &mut self.own {
+            // What is chosen must lead all that were tried.
+            let error = own.score - own.gaps;
+            own.error = Some(error).filter(|error| error + own.but_for_jolts < self.tried);
+            // What the judge refuses can only be chosen instead of a motion with a jam.
+            own.score = judge.score(&own.motion).unwrap_or(f64::INFINITY);
         }
         if self.own_by(CLEAR_GAIN).is_some() {
             return false;
@@ -554,13 +557,23 @@ mod tests {
         let mut motion = Rollout::new(first.robot(), built, &command, Start::Pose, config).unwrap();
         motion.run(&Cancel::default()).unwrap();
         let best = learner.lead().best().unwrap();
-        let off = jam::off(best.sought(), best.reached(), jam::FAR);
-        let (at, score, gaps, but_for_jolts) = (7, 0.05, 0.0, 0.0);
-        learner.freed = Some(Own { at, motion, score, gaps, but_for_jolts, natural: false });
+        let (error, off) =
+            (best.errors().unwrap().judged, jam::off(best.sought(), best.reached(), jam::FAR));
+        let (at, score, gaps, but_for_jolts) = (7, f64::INFINITY, 0.0, 0.0);
+        let own = Own { at, motion, score, gaps, but_for_jolts, natural: false, error: None };
+        learner.own = vec![own];
         // Off by as much on the planner's path: nothing jams.
         learner.floor = Some(off.clone());
-        assert_eq!((off.is_empty(), learner.at()), (false, 0));
+        assert!(!off.is_empty());
+        learner.own[0].error = Some(0.7 * error);
+        assert_eq!(learner.at(), 0);
         learner.floor = Some(Vec::new());
+        assert_eq!(learner.at(), 7);
+        learner.own[0].error = Some(0.8 * error);
+        assert_eq!(learner.at(), 0, "it must gain a quarter");
+        learner.own[0].error = None;
+        assert_eq!(learner.at(), 0, "others that were tried lead");
+        learner.own[0].error = Some(0.7 * error);
         assert_eq!(learner.into_best().unwrap().0, 7);
     }
 }

@@ -164,7 +164,7 @@ pub fn began_with(dir: &Path) -> Option<(String, PathBuf)> {
 
 /// The number of evaluations that a run was begun with; `None` in older runs.
 pub fn began_with_evaluations(dir: &Path) -> Option<u64> {
-    meta(dir).get("run")?.get("evaluations")?.as_u64()
+    meta(dir).get("evaluations")?.as_u64()
 }
 
 /// Whether a run was begun on a tile unit; `None` in older runs.

@@ -57,6 +57,7 @@ impl<'a> RunState<'a> {
                 "seed": cfg.seed,
                 "tiles": tiled(),
                 "device": kind(engine.as_ref()),
+                "evaluations": opts.evaluations,
                 "run": opts.meta,
             });
             fsio::write_atomic(&paths::meta(dir), format!("{meta:#}\n").as_bytes())?;

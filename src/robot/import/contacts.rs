@@ -14,7 +14,7 @@ use crate::default_pose::default_pose;
 use crate::rings::{CONNECT, WELD};
 use crate::{Error, pairs, preparse, text};
 use robert_base::rng::{Rng, Stream};
-use robert_mujoco::{Data, Geom, Kind, Model, index};
+use robert_mujoco::{Data, Geom, Joint, Kind, Model, index};
 
 /// Poses that are drawn to find pairs of bodies that touch in most of them.
 const POSES: u64 = 120;
@@ -161,6 +161,11 @@ fn touching(model: &Model, data: &Data) -> Vec<(usize, usize)> {
     pairs.into_iter().collect()
 }
 
+fn has_free_joint(model: &Model, body: usize) -> bool {
+    let mut joints = (0..model.njnt()).filter(|&j| id(model.jnt_bodyid(), j) == body);
+    joints.any(|j| model.joint_type(j) == Some(Joint::Free))
+}
+
 /// The number of random poses for a model.
 fn poses(model: &Model) -> u64 {
     POSES.min((POSE_PAIRS / pairs::count(model).max(1)) as u64)
@@ -213,7 +218,8 @@ fn passing(
 }
 
 /// Whether two bodies are parts of different limbs: on the way from one to the other both move by joints of their
-/// own, of [`LIMBS`] axes in all. A limb whose loop a constraint closes is none: in random poses the loop is open.
+/// own, of [`LIMBS`] axes in all. A loose object is no limb, and neither are two that a constraint ties to each other: in
+/// random poses their loop is open.
 fn are_limbs(model: &Model, (a, b): (usize, usize)) -> bool {
     let above = |mut body: usize| {
         let mut chain = vec![body];
@@ -234,9 +240,10 @@ fn are_limbs(model: &Model, (a, b): (usize, usize)) -> bool {
         |eq: &usize| matches!(model.eq_type()[*eq], CONNECT | WELD) && model.eq_active()[*eq] != 0;
     let tied = (0..model.neq()).filter(is_loop).any(|eq| {
         let ends = [id(model.eq_obj1id(), eq), id(model.eq_obj2id(), eq)];
-        sides.iter().flatten().any(|body| ends.contains(body))
+        ends.iter().all(|end| sides.iter().flatten().any(|body| body == end))
     });
-    axes.iter().all(|n| *n > 0) && axes.iter().sum::<i32>() >= LIMBS && !tied
+    let loose = sides.iter().flatten().any(|&body| has_free_joint(model, body));
+    axes.iter().all(|n| *n > 0) && axes.iter().sum::<i32>() >= LIMBS && !tied && !loose
 }
 
 /// The upper end of the widest gap between shares, within [`MOSTLY`]. Shares of a left and a right

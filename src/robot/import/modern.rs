@@ -4,6 +4,7 @@
 //! parent. A `<replicate>` becomes several of them. Both are rewritten from the inside out, and
 //! stay on their lines as far as possible.
 
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
 use nalgebra::Vector3;
@@ -39,6 +40,10 @@ pub(super) fn flatten(
     stem: &str,
 ) -> Result<(String, Option<String>), Error> {
     let (mut frames, mut replicas, mut joints) = (0, 0, 0);
+    let doc = preparse::parse(&xml, path)?;
+    let bodies = doc.descendants().filter(|n| n.has_tag_name("body"));
+    let taken: BTreeSet<String> = bodies.filter_map(|n| n.attribute("name").map(escape)).collect();
+    drop(doc);
     loop {
         let doc = preparse::parse(&xml, path)?;
         for (tag, why) in REFUSED {
@@ -65,7 +70,13 @@ pub(super) fn flatten(
             let around = body
                 .and_then(|b| b.attribute("name"))
                 .map_or_else(String::new, |b| escape(b) + "_");
-            let named = |what: &str| format!("{stem}{around}{what}");
+            let named = |what: &str| {
+                let mut name = format!("{stem}{around}{what}");
+                while taken.contains(&name) {
+                    name.push('_');
+                }
+                name
+            };
             if node.has_tag_name("frame") {
                 joints += node.children().filter(frame::is_joint).count();
                 edits.replace(
@@ -230,6 +241,16 @@ mod tests {
             near(&data.site_xpos()[3 * site..3 * site + 3], want);
         }
         assert_eq!(model.njnt(), 1);
+    }
+
+    #[test]
+    fn a_frame_takes_no_name_of_a_body() {
+        let xml = flat(
+            r#"<mujoco><worldbody><body name="a"><frame><geom name="g" size=".1"/></frame><body name="a_frame_0"/></body></worldbody></mujoco>"#,
+        );
+        let model = Model::from_xml(&xml.unwrap()).unwrap();
+        let body = model.geom_bodyid()[model.id(Kind::Geom, "g").unwrap()];
+        assert_eq!(model.name(Kind::Body, body as usize), Some("a_frame_0_"));
     }
 
     #[test]
