@@ -3,8 +3,8 @@
 use robert_mujoco::{Joint, Model, index};
 
 /// The first keyframe, or the reference pose of a model without keyframes; (nq). A joint beyond its stops is put at
-/// the nearer one, because links may overlap beyond it. Home poses are derived alike ([`crate::derive`]), but for
-/// joints that follow others.
+/// the nearer one, because links may overlap beyond it. A home pose is made of it, with joints that follow others where
+/// their leaders put them ([`crate::derive`]).
 pub(crate) fn default_pose(model: &Model) -> Vec<f64> {
     let first = model.key_qpos().get(..model.nq()).filter(|key| !key.is_empty());
     let mut qpos = first.unwrap_or(model.qpos0()).to_vec();

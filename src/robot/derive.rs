@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use super::couplings::couplings;
+use super::default_pose::default_pose;
 use super::error::Error;
 use super::groups::groups;
 use super::motors::{ctrlrange, torque_limit};
@@ -262,10 +263,10 @@ fn spec(joints: &[JointSpec], values: Vec<Option<f64>>) -> PoseSpec {
 /// The first keyframe of the model, moved into the limits. Without a keyframe it is the model's
 /// reference pose, with joints that follow others at the values that these give them.
 fn home_pose(model: &Model, joints: &[JointSpec], couplings: &[Coupling]) -> PoseSpec {
+    let mut home = values(model, joints, &default_pose(model));
     if keys(model) > 0 {
-        return spec(joints, key_pose(model, joints, 0));
+        return spec(joints, home);
     }
-    let mut home = values(model, joints, model.qpos0());
     let at = |name: &str| joints.iter().position(|j| j.name == name);
     // A chain of followers is at most as long as the robot.
     for _ in 0..joints.len() {

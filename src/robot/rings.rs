@@ -20,7 +20,7 @@ pub(super) fn rings(model: &Model) -> Vec<Vec<usize>> {
 }
 
 /// The joints that move a body.
-fn above(model: &Model, mut body: usize) -> Vec<usize> {
+pub(super) fn above(model: &Model, mut body: usize) -> Vec<usize> {
     let mut joints = Vec::new();
     while body > 0 {
         let of = |j: &usize| index(model.jnt_bodyid()[*j]) == body;

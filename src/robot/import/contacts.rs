@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 use super::draft::Draft;
 use crate::default_pose::default_pose;
-use crate::rings::{CONNECT, WELD};
+use crate::rings::{above, rings};
 use crate::{Error, pairs, preparse, text};
 use robert_base::rng::{Rng, Stream};
 use robert_mujoco::{Data, Geom, Joint, Kind, Model, index};
@@ -25,8 +25,8 @@ const POSE_PAIRS: usize = 4_000_000;
 /// hulls of their meshes, not with their surfaces. Fingers of a gripper are an example, because a
 /// hull fills the hollow between them (seen at 0.8; fingers of hands stay below 0.2).
 const MOSTLY: [f64; 2] = [0.6, 0.8];
-/// Parts of different limbs have at least so many axes between them.
-const LIMBS: i32 = 4;
+/// Parts of different limbs have at least so many joints between them.
+const LIMBS: usize = 4;
 /// If they touch in a smaller share of those poses, they seldom overlap, and pass through each other once they are
 /// excluded.
 const SELDOM: f64 = 0.2;
@@ -161,11 +161,6 @@ fn touching(model: &Model, data: &Data) -> Vec<(usize, usize)> {
     pairs.into_iter().collect()
 }
 
-fn has_free_joint(model: &Model, body: usize) -> bool {
-    let mut joints = (0..model.njnt()).filter(|&j| id(model.jnt_bodyid(), j) == body);
-    joints.any(|j| model.joint_type(j) == Some(Joint::Free))
-}
-
 /// The number of random poses for a model.
 fn poses(model: &Model) -> u64 {
     POSES.min((POSE_PAIRS / pairs::count(model).max(1)) as u64)
@@ -211,39 +206,26 @@ fn passing(
     at_default: &[(usize, usize)],
     shares: &BTreeMap<(usize, usize), f64>,
 ) -> Vec<(usize, usize)> {
-    let looked = poses(model) > 0;
+    let (looked, loops) = (poses(model) > 0, rings(model));
     let seldom = |pair: &(usize, usize)| shares.get(pair).is_none_or(|share| *share < SELDOM);
-    let limbs = |pair: &(usize, usize)| are_limbs(model, *pair);
+    let limbs = |pair: &(usize, usize)| are_limbs(model, *pair, &loops);
     at_default.iter().copied().filter(|pair| looked && seldom(pair) && limbs(pair)).collect()
 }
 
 /// Whether two bodies are parts of different limbs: on the way from one to the other both move by joints of their
-/// own, of [`LIMBS`] axes in all. A loose object is no limb, and neither are two that a constraint ties to each other: in
-/// random poses their loop is open.
-fn are_limbs(model: &Model, (a, b): (usize, usize)) -> bool {
-    let above = |mut body: usize| {
-        let mut chain = vec![body];
-        while body != 0 {
-            body = id(model.body_parentid(), body);
-            chain.push(body);
-        }
-        chain
+/// own, [`LIMBS`] in all. A loose object is no limb, and neither are two limbs of one of the closed `loops`, which are
+/// open in random poses.
+fn are_limbs(model: &Model, (a, b): (usize, usize), loops: &[Vec<usize>]) -> bool {
+    let (a, b) = (above(model, a), above(model, b));
+    let without = |one: &[usize], other: &[usize]| -> Vec<usize> {
+        one.iter().copied().filter(|joint| !other.contains(joint)).collect()
     };
-    let (a, b) = (above(a), above(b));
-    let side = |one: &[usize], other: &[usize]| -> Vec<usize> {
-        one.iter().copied().filter(|body| !other.contains(body)).collect()
-    };
-    let sides = [side(&a, &b), side(&b, &a)];
-    let axes =
-        sides.each_ref().map(|s| s.iter().map(|&body| model.body_dofnum()[body]).sum::<i32>());
-    let is_loop =
-        |eq: &usize| matches!(model.eq_type()[*eq], CONNECT | WELD) && model.eq_active()[*eq] != 0;
-    let tied = (0..model.neq()).filter(is_loop).any(|eq| {
-        let ends = [id(model.eq_obj1id(), eq), id(model.eq_obj2id(), eq)];
-        ends.iter().all(|end| sides.iter().flatten().any(|body| body == end))
-    });
-    let loose = sides.iter().flatten().any(|&body| has_free_joint(model, body));
-    axes.iter().all(|n| *n > 0) && axes.iter().sum::<i32>() >= LIMBS && !tied && !loose
+    let sides = [without(&a, &b), without(&b, &a)];
+    let free = |joint: &usize| model.joint_type(*joint) == Some(Joint::Free);
+    let both = |ring: &Vec<usize>| sides.iter().all(|s| s.iter().any(|joint| ring.contains(joint)));
+    sides.iter().all(|side| !side.is_empty() && !side.iter().any(free))
+        && sides.iter().map(Vec::len).sum::<usize>() >= LIMBS
+        && !loops.iter().any(both)
 }
 
 /// The upper end of the widest gap between shares, within [`MOSTLY`]. Shares of a left and a right
